@@ -1,4 +1,4 @@
-"""Search of the newest minute of a growing recording, which reports each finding once."""
+"""Gap search over the newest minute of a growing recording, which reports each finding once."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from hubodo.vehicle import Vehicle
 
 # s, length of the searched end of the log; s, time that a wheel has to turn in it; rad/s, its least spin.
 _WATCHED_DURATION, _MIN_TURNING_TIME, _MIN_WATCHED_SPIN = 60.0, 12.0, 1.0
-# s of samples that each node needs; inputs derived from them end slightly earlier.
+# s of samples that each node must have; inputs derived from them end slightly earlier.
 _MIN_WATCHED_DURATION = MIN_DURATION + 2.0
 # Confidence, and share of the excess over noise, from which on a finding is reported.
 _MIN_REPORTED_CONFIDENCE, _MIN_REPORTED_SHARE = 0.99, 0.1

@@ -1,4 +1,4 @@
-"""Workflow of a search: search, reconsider each effect, measure the gap on held-out samples."""
+"""Workflow of `hubodo gap`: search, reconsideration of each effect, gap on held-out samples."""
 
 from __future__ import annotations
 
@@ -28,8 +28,7 @@ from hubodo.gap.state.terms import ModelTerm, model_of_terms
 from hubodo.model.model_file import Model
 from hubodo.recording import Recording
 
-# Change of an effect of the model, in its usual size, up to which it is no finding where residuals
-# are so correlated.
+# Largest change of an effect of the model, in usual sizes, that is no finding where residuals are correlated.
 _MAX_MINOR_CHANGE, _MIN_REFINEMENT_TEMPERING = 0.25, 2.0
 # Ratio of the final gap to that of noise alone, from which on the log is not fully explained.
 _MAX_EXPLAINED_GAP_RATIO = 1.5
@@ -45,7 +44,7 @@ def find_gap(
     report_progress: ReportProgress = lambda words, share: None,
     journal: Journal | None = None,
 ) -> MissingEffects:
-    """Find the effects missing in a model to explain a log; see `find_problem_gap`.
+    """Find the effects that a model lacks to explain a log; arguments as in `find_problem_gap`.
 
     Raises InputError if the log lacks an input of the model.
     """
@@ -63,7 +62,7 @@ def find_problem_gap(
     report_progress: ReportProgress = lambda words, share: None,
     journal: Journal | None = None,
 ) -> MissingEffects:
-    """Find the effects missing in the model of a problem.
+    """Find the effects that the model of a problem lacks.
 
     accept: effects added before the search starts
     reject: effects not considered
@@ -96,7 +95,7 @@ def find_problem_gap(
 
 
 def _hold_share(report_progress: ReportProgress) -> ReportProgress:
-    """Return a callback that reports the largest share so far.
+    """Return a callback for progress that reports the largest fraction so far.
 
     The number of rounds is not known in advance: the search of all samples begins again at the round that the
     decimated search began at, and a reconsideration that drops an effect begins again at the first.
@@ -191,7 +190,7 @@ def _build_result(
 
 
 def _is_minor(finding: Finding) -> bool:
-    """Return True if an effect of the model changes by less than a drive differs from the next."""
+    """Return True if the value of a given effect changes by less than it differs between drives."""
     if finding.effect.startswith(PREFIX) or any(one.was is None for one in finding.parameters.values()):
         return False
     kind = BY_NAME[finding.effect]
@@ -219,7 +218,7 @@ def _given_effect(initial_state: State, term: ModelTerm) -> Effect | None:
 
 
 def _refit_stage(initial_state: State, terms: Sequence[ModelTerm], final: Evaluation) -> Evaluation:
-    """Refit the model with only the first effects."""
+    """Refit the model with only the first few effects."""
     keys = {term.key for term in terms}
     others = [term for term in initial_state.terms if term.key not in keys]
     return refit(

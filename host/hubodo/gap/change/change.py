@@ -13,7 +13,7 @@ from hubodo.errors import InputError
 from hubodo.gap.change.estimates import estimate_change
 from hubodo.gap.change.joint import EffectKey
 from hubodo.gap.change.score_test import compare_logs
-from hubodo.gap.change.search import SearchedPair, search_changes
+from hubodo.gap.change.search import PairSearchResult, search_changes
 from hubodo.gap.explain.descriptions import describe_where
 from hubodo.gap.explain.result import Estimate
 from hubodo.gap.judge.hypothesis import Hypothesis
@@ -31,13 +31,13 @@ from hubodo.recording import Recording
 
 # P-value below which a change is reported.
 CHANGE_P_VALUE = 0.01
-# Tempering from which on residuals are so correlated that only held-out samples are evidence.
+# Tempering above which residuals are so correlated that only held-out samples count as evidence.
 _MIN_CORRELATED_TEMPERING = 3.0
 # ln Bayes factor of an unnamed term, tempered, and ratio of its gain in the second log to that in the first.
 _MIN_UNNAMED_CHANGE_EVIDENCE, _MIN_UNNAMED_CHANGE_GAIN_RATIO = 6.0, 4.0
-# Difference of a value of each drive, in sigma, that is reported.
+# Smallest difference, in sigma, that is reported for a value that belongs to one drive, such as an offset.
 _MIN_DRIVE_CHANGE_SIGMA = 5.0
-# Shares of the search of the first log, and of the comparison, in the reported progress.
+# Fractions of the reported progress for the search of the first log and for the comparison.
 _SEARCH_SHARE, _COMPARISON_SHARE = 0.55, 0.35
 
 
@@ -45,8 +45,8 @@ _SEARCH_SHARE, _COMPARISON_SHARE = 0.55, 0.35
 class Change:
     """An effect with another value in the second log.
 
-    values: by parameter, before, after and their difference
-    p_value: how often the best candidate differs as much by chance
+    values: for each parameter its value before, its value after, and the difference
+    p_value: probability that the best of all candidates differs as much if nothing has changed
     where: channels, times and regimes that show it, in words
     """
 
@@ -85,11 +85,11 @@ class Change:
 class ChangeResult:
     """Result of comparing two logs.
 
-    p_value: how often two logs differ as much if nothing has changed
+    p_value: probability that two logs differ as much if nothing has changed
     changes: in order of discovery
-    unnamed_terms: needed by the second log only
+    unnamed_terms: terms without a name that only the second log requires
     model_before, model_after: the vehicle in the first and in the second log
-    is_correlated: True if residuals are so correlated, as on real roads, that the p-value is no evidence
+    is_correlated: True if residuals are so correlated, as on real roads, that the p-value is not reliable
     """
 
     p_value: float
@@ -107,7 +107,7 @@ class ChangeResult:
 
     @property
     def has_changed(self) -> bool:
-        """Return True if the vehicle has changed, or the logs differ by what no known effect explains."""
+        """Return True if the vehicle has changed, or no known effect explains the difference of the logs."""
         is_unexplained = not self.changes and not self.is_correlated and self.p_value < CHANGE_P_VALUE
         return is_unexplained or bool(self.vehicle_changes)
 
@@ -135,10 +135,10 @@ def find_change(
     log_names: tuple[str, str] = ("before", "after"),
     report_progress: ReportProgress = lambda words, share: None,
 ) -> ChangeResult:
-    """Find what differs in the second log from the first.
+    """Find the effects whose values differ between two logs of one vehicle.
 
-    The first log is searched for what the model lacks. Then each effect that the model has, or might have, is
-    tried with another value in the second log.
+    The first log is searched for effects that the model lacks. Then each effect of the model, and each
+    candidate, is fitted with a separate value in the second log.
 
     Raises InputError if a log does not belong to the model, or the logs have different nodes.
     """
@@ -191,11 +191,11 @@ def _build_states(problems: Sequence[Problem], estimate: State) -> tuple[State, 
 
 
 def _is_of_drive(term: ModelTerm) -> bool:
-    """Return True for a term of the channel means that differs between drives of one vehicle."""
+    """Return True for a term of the channel means whose value belongs to one drive, such as an offset."""
     return term.effect.varies_between_drives and term.effect.visible_in == "mean"
 
 
-def _list_changes(searched: SearchedPair, null_distribution: NullDistribution) -> tuple[Change, ...]:
+def _list_changes(searched: PairSearchResult, null_distribution: NullDistribution) -> tuple[Change, ...]:
     """Return the changes, those of the vehicle first."""
     changes = [_build_change(one, searched, null_distribution) for one in searched.changes]
     searched_keys = {one.key for one in searched.changes}
@@ -204,7 +204,7 @@ def _list_changes(searched: SearchedPair, null_distribution: NullDistribution) -
     return tuple(sorted(changes, key=lambda change: change.belongs_to_drive))
 
 
-def _build_change(one: Hypothesis, searched: SearchedPair, null_distribution: NullDistribution) -> Change:
+def _build_change(one: Hypothesis, searched: PairSearchResult, null_distribution: NullDistribution) -> Change:
     """Build a change that the search found."""
     p_value = one.p_value(null_distribution)
     if one.proposal is not None:
@@ -230,7 +230,7 @@ def _subtract(before: Estimate, after: Estimate) -> tuple[Estimate, Estimate, Es
     return before, after, Estimate(after.value - before.value, after.sigma, before.unit)
 
 
-def _where(key: EffectKey, searched: SearchedPair) -> str:
+def _where(key: EffectKey, searched: PairSearchResult) -> str:
     """Return channels and regimes of the second log that show a change."""
     fits = searched.last.fits
     old = [term for term in fits[0].state.terms if term.key == key]
@@ -240,8 +240,8 @@ def _where(key: EffectKey, searched: SearchedPair) -> str:
     return describe_where(unchanged.residuals, evaluation.residuals)
 
 
-def _list_drive_changes(key: EffectKey, searched: SearchedPair) -> list[Change]:
-    """Return the change of an effect that belongs to each drive, if its value differs clearly."""
+def _list_drive_changes(key: EffectKey, searched: PairSearchResult) -> list[Change]:
+    """Return the change of an effect whose value belongs to one drive, if it is significant."""
     values = estimate_change(searched.last, key)
     ratios = [
         abs(change.value) / change.sigma for _, _, change in values.values() if change.sigma is not None
@@ -252,7 +252,7 @@ def _list_drive_changes(key: EffectKey, searched: SearchedPair) -> list[Change]:
     return [Change(*key, values, p_value, "each drive has a value of its own")]
 
 
-def _list_unnamed(searched: SearchedPair) -> tuple[str, ...]:
+def _list_unnamed(searched: PairSearchResult) -> tuple[str, ...]:
     """Return the unnamed terms that only the second log requires."""
     before, after = (find_unnamed_terms(one) for one in searched.last.evaluations)
     earlier = {one.term.key: one.gain for one in before}

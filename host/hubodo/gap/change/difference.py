@@ -1,7 +1,7 @@
 """Candidates for a change between two logs, judged by what a value for each log gains over a common one.
 
-What both logs lack has the same value in both and is no change. Where residuals are correlated, a change has
-to gain on folds of time to which it was not fitted.
+An effect that the model lacks in both logs, with the same value, is no change. Where residuals are
+correlated, a change has to gain on folds of time to which it was not fitted.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _MIN_CHANGE_SCALES, _MIN_CHANGE_SIGMA, _CORRELATED_TEMPERING = 0.15, 5.0, 2.0
 class LogPair:
     """Two logs under one model, of which some terms have a value for each log.
 
-    fits: of the separate terms, everything else fixed, before and after
+    fits: fits of the separate terms before and after, everything else fixed
     separate: keys of terms with a value for each log
     """
 
@@ -63,18 +63,18 @@ class LogPair:
     @cached_property
     def joint(self) -> JointGrams:
         """Return both logs linearised along every candidate and all terms."""
-        logs = [linearise_log(free_all(one), with_candidates=True) for one in self.evaluations]
+        logs = [linearise_log(free_all_terms(one), with_candidates=True) for one in self.evaluations]
         return join_logs(logs[0], logs[1], self.separate, self.tempering)
 
 
-def free_all(evaluation: Evaluation) -> Evaluation:
+def free_all_terms(evaluation: Evaluation) -> Evaluation:
     """Return the evaluation with all terms free."""
     terms = [_freeze_implausible(replace(term, is_fitted=True)) for term in evaluation.state.terms]
     return evaluation.with_state(evaluation.state.with_terms(terms))
 
 
 def _freeze_implausible(term: ModelTerm) -> ModelTerm:
-    """Return the term with parameters at their plausible limit frozen: steps beyond would be cut off."""
+    """Return the term with parameters at their plausible limit frozen: no step may exceed the limit."""
     names, effect = term.effect.fitted_parameters(), term.effect
     if len(names) != len(effect.coordinates()):
         return term
@@ -85,7 +85,7 @@ def _freeze_implausible(term: ModelTerm) -> ModelTerm:
 def fit_separate(
     evaluations: Sequence[Evaluation], separate: Collection[EffectKey], tempering: float, rounds: int
 ) -> LogPair:
-    """Fit the separate terms of each log; all others stay."""
+    """Fit the separate terms of each log; all other terms are fixed."""
     fits = [_fit_log(one, separate, rounds) for one in evaluations]
     return LogPair((fits[0], fits[1]), frozenset(separate), tempering)
 
@@ -100,8 +100,8 @@ def _fit_log(evaluation: Evaluation, separate: Collection[EffectKey], rounds: in
 class ChangeCandidate:
     """A candidate for a change.
 
-    hypothesis: its gain of a value for each log over a common value, and its posterior
-    pair: both logs with a value for each
+    hypothesis: gain of separate values over a common value, and posterior
+    pair: both logs with separate values of the candidate
     """
 
     hypothesis: Hypothesis
@@ -134,7 +134,7 @@ def add_term(state: State, term: ModelTerm) -> State:
 def separate_keys(separate: Collection[EffectKey], state: State, key: EffectKey) -> frozenset[EffectKey]:
     """Return the keys of the terms of a state that have a value for each log.
 
-    separate: without the term `key`, which the state has
+    separate: such keys so far, without `key`
     """
     was_shared = (key[0], ALL) in separate
     return frozenset(
@@ -174,7 +174,7 @@ def _screen(joint: JointGrams, candidate: Candidate, is_known: bool, tempering: 
 
 
 def _evidence(gain: float, change: Array, covariance: Array, tempering: float) -> float:
-    """Return ln of the Bayes factor of a change, (k,) in scales."""
+    """Return ln of the Bayes factor of a change; change: (k,) in scales."""
     information = np.zeros_like(covariance)
     observed = np.flatnonzero(np.diag(covariance) > 0.0)
     information[np.ix_(observed, observed)] = np.linalg.pinv(
@@ -190,7 +190,7 @@ class _FittedCandidate:
     common: fit with a value common to both logs
     best: fit with a value for each
     terms: before and after
-    places: of its coordinates in `best`, before and after
+    places: indices of its coordinates in `best`, before and after
     """
 
     pair: LogPair
@@ -201,12 +201,12 @@ class _FittedCandidate:
 
     @property
     def tempering(self) -> float:
-        """Return by how much correlation inflates gains."""
+        """Return the factor by which correlated residuals inflate gains."""
         return max(self.pair.tempering, *(fit.tempering for fit in self.pair.fits))
 
     @property
     def change(self) -> Array:
-        """Return the change of its coordinates, (k,) in scales."""
+        """Return the change of the coordinates, (k,) in scales."""
         before, after = (
             term.effect.coordinates() / term.effect.coordinate_scales() + self.best.step[place]
             for term, place in zip(self.terms, self.places, strict=True)
@@ -222,7 +222,7 @@ def _fit_candidate(pair: LogPair, candidate: Candidate, is_known: bool) -> _Fitt
     ]
     separate = separate_keys(pair.separate, evaluations[0].state, term.key)
     fitted = fit_separate(evaluations, separate, pair.tempering, _MAX_CANDIDATE_ITERATIONS)
-    logs = [linearise_log(free_all(one), with_candidates=False) for one in fitted.evaluations]
+    logs = [linearise_log(free_all_terms(one), with_candidates=False) for one in fitted.evaluations]
     joint = join_logs(logs[0], logs[1], separate, pair.tempering)
     places = [place[_own_slice(log.terms, term)] for place, log in zip(joint.places, logs, strict=True)]
     terms = [next(one for one in log.terms if one.key == term.key) for log in logs]
@@ -271,7 +271,7 @@ def _judge_change(
 
 
 def _helps_held_out(gain: float, held_out_gain: HeldOutGain, tempering: float) -> bool:
-    """Return True if a change gains on held-out folds beyond what correlated residuals make of it."""
+    """Return True if a change gains more on held-out folds than correlated residuals do by chance."""
     correlated_share = 1.0 - 1.0 / tempering
     minimum = max(_MIN_CHANGE_HELD_OUT_SHARE * gain, _MIN_CHANGE_LEVEL_SIGMAS * held_out_gain.level_sigma)
     return (
@@ -280,9 +280,9 @@ def _helps_held_out(gain: float, held_out_gain: HeldOutGain, tempering: float) -
     )
 
 
-def judge_again(pair: LogPair, key: EffectKey, tempering: float) -> Hypothesis:
-    """Judge a change beside all others that were found."""
-    logs = [linearise_log(free_all(one), with_candidates=False) for one in pair.evaluations]
+def rejudge_change(pair: LogPair, key: EffectKey, tempering: float) -> Hypothesis:
+    """Judge a change again, with all other changes in the model."""
+    logs = [linearise_log(free_all_terms(one), with_candidates=False) for one in pair.evaluations]
     joint = join_logs(logs[0], logs[1], pair.separate, pair.tempering)
     terms = [next(one for one in log.terms if one.key == key) for log in logs]
     places = [place[_own_slice(log.terms, terms[0])] for place, log in zip(joint.places, logs, strict=True)]
@@ -306,7 +306,7 @@ def _own_slice(terms: Sequence[ModelTerm], term: ModelTerm) -> slice:
 
 
 def _difference_covariance(covariance: Array, before: Indices, after: Indices) -> Array:
-    """Return the covariance of a change, (k, k); zero where one of the logs does not show the coordinate."""
+    """Return the covariance of a change, (k, k); zero for coordinates that a log does not determine."""
     total = covariance[np.ix_(before, before)] + covariance[np.ix_(after, after)]
     cross = covariance[np.ix_(before, after)]
     variance = np.minimum(np.diag(covariance)[before], np.diag(covariance)[after])
@@ -331,6 +331,6 @@ def _newly_implausible(terms: Sequence[ModelTerm]) -> bool:
 
 
 def _is_minor(change: Array, sigma: Array) -> bool:
-    """Return True if no coordinate, in scales, changes by more than drives of one vehicle differ."""
+    """Return True if no coordinate changes by more than drives of one vehicle differ."""
     is_large = (np.abs(change) > _MIN_CHANGE_SCALES) & (np.abs(change) > _MIN_CHANGE_SIGMA * sigma)
     return not bool(np.any(is_large & (sigma > 0.0)))

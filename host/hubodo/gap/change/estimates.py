@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hubodo.gap.change.difference import LogPair, free_all
+from hubodo.gap.change.difference import LogPair, free_all_terms
 from hubodo.gap.change.joint import FROZEN_VARIANCE, EffectKey, JointFit, JointGrams, join_logs, linearise_log
 from hubodo.gap.explain.finding import estimate_parameters
 from hubodo.gap.explain.result import Estimate
@@ -16,7 +16,7 @@ from hubodo.gap.refit.refit import Refit
 
 def estimate_change(pair: LogPair, key: EffectKey) -> dict[str, tuple[Estimate, Estimate, Estimate]]:
     """Return for each parameter of an effect its value before and after, and the change."""
-    logs = [linearise_log(free_all(one), with_candidates=False) for one in pair.evaluations]
+    logs = [linearise_log(free_all_terms(one), with_candidates=False) for one in pair.evaluations]
     joint = join_logs(logs[0], logs[1], pair.separate, pair.tempering)
     best = joint.fit()
     estimates = []

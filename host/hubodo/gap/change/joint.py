@@ -71,7 +71,7 @@ class JointFit:
     blocks: (B, P + 1, P + 1), the last row is the residual
     raw_squares: (P,)
     samples: (B,) readings in each block
-    log_determinant: of the innovation covariances of both logs
+    log_determinant: ln det of the innovation covariances of both logs
     """
 
     blocks: Array
@@ -127,8 +127,8 @@ class JointGrams:
     """Both logs along the D directions of the candidates and P joint coordinates.
 
     logs: before and after
-    places: for each log the joint coordinate of each of its own
-    blocks: (B, D + P + 1, D + P + 1), those of the first log before those of the second
+    places: for each log, indices of its own coordinates among the joint ones
+    blocks: (B, D + P + 1, D + P + 1), blocks of the first log before those of the second
     """
 
     logs: tuple[LogGrams, LogGrams]
@@ -238,7 +238,7 @@ class JointGrams:
 
 
 def _transform(blocks: Array, used: Indices, columns: Array) -> Array:
-    """Return blocks along columns, (S, P) over the rows of the blocks, of which only `used` ones count."""
+    """Return blocks projected onto columns, (S, P); only the `used` rows of a block count."""
     selected = columns[used]
     return np.asarray(selected.T @ blocks[:, used[:, None], used] @ selected)
 

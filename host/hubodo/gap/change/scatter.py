@@ -1,4 +1,4 @@
-"""Changes of effects that are visible only in scatter, steps and limits."""
+"""Changes of effects that are visible only in scatter, resolution and saturation."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from hubodo.gap.refit.refit import begin_fit
 from hubodo.gap.scatter import SCATTER_DETECTORS, Proposal
 from hubodo.gap.state.terms import ModelTerm
 
-# ChangeCandidate of a parameter between two logs, relative and in sigma, that is none.
+# Largest change of a parameter between two logs that is ignored: relative, and in sigma.
 _MAX_RELATIVE_DIFFERENCE, _MAX_DIFFERENCE_SIGMA = 0.2, 5.0
 
 
 def list_scatter_differences(pair: LogPair) -> Iterator[ChangeCandidate]:
-    """Yield the effects on scatter that the second log shows and the first does not, or otherwise."""
+    """Yield the effects on scatter that the second log shows and the first does not, or with other values."""
     before, after = (_detect(evaluation) for evaluation in pair.evaluations)
     given = {term.key: term for term in pair.evaluations[1].state.terms}
     for key, proposal in after.items():

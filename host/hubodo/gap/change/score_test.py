@@ -1,8 +1,8 @@
 """Score test for a change between two logs: the gain of each candidate with separate values.
 
-Known effects and the candidate itself are free and common to both logs; only the difference is tested, so
-that poorly observed effects do not count as changes. The null distribution of the largest gain is a wild
-bootstrap as in `screen/null_distribution.py`.
+Known effects and the candidate itself are fitted with values common to both logs; only the difference is
+tested, so that poorly observed effects do not count as changes. The null distribution of the largest gain is
+a wild bootstrap as in `screen/null_distribution.py`.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ class Difference:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Score tests, the most surprising first, and the null distribution of the largest gain."""
+    """Score tests, the most significant first, and the null distribution of the largest gain."""
 
     differences: tuple[Difference, ...]
     null_distribution: NullDistribution
 
     @property
     def p_value(self) -> float:
-        """Return how often logs differ as much if nothing has changed."""
+        """Return the probability that logs differ as much if nothing has changed."""
         best = self.differences[0]
         return self.null_distribution.p_value(best.gain, best.degrees_of_freedom)
 
@@ -121,7 +121,7 @@ def _eliminate_nuisances(
 
 
 def _score_difference(logs: Sequence[_ReducedLog], basis: Array, common: Array) -> tuple[float, Array, Array]:
-    """Return gain, block scores, (B, k), and covariance, (k, k), of the difference of the logs.
+    """Return gain, block scores (B, k) and covariance (k, k) of the difference between the logs.
 
     Common coordinates move along `common`, (D, p), in both logs; the difference moves half down in the first
     log and half up in the second.
@@ -139,7 +139,8 @@ def _score_difference(logs: Sequence[_ReducedLog], basis: Array, common: Array) 
     for log, sign, gram in zip(logs, signs, grams, strict=True):
         direction = sign * basis - common @ regression.T
         block_information = common.T @ log.blocks[:, :-1, :-1] @ common
-        # Step fitted to the other blocks. Halfway to it, block scores scatter as if they were not fitted.
+        # The step is fitted to the other blocks. Halfway to it, block scores scatter as if they were not
+        # fitted.
         step_without_block = (
             np.linalg.pinv(common_information - block_information, hermitian=True, rcond=1e-6)
             @ (common_score - log.blocks[:, :-1, -1] @ common)[:, :, None]

@@ -1,4 +1,4 @@
-"""Search of the changes between two logs, one after the other."""
+"""Search for changes between two logs, one change after the other."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from hubodo.gap.change.difference import (
     LogPair,
     add_term,
     fit_separate,
-    judge_again,
     list_differences,
+    rejudge_change,
     separate_keys,
 )
 from hubodo.gap.change.joint import EffectKey
@@ -25,25 +25,25 @@ from hubodo.gap.process_noise.tracking import estimate_weights, track_wheel_phas
 from hubodo.gap.state.state import State
 from hubodo.gap.state.terms import ALL, ModelTerm
 
-# Changes at most, which bounds the duration.
+# Largest number of changes, which bounds the duration.
 _MAX_CHANGES = 6
 # Iterations of the fits of the separate terms at the start of a round, and of a remounted sensor.
 _START_ITERATIONS, _REMOUNTED_ITERATIONS = 3, 8
 # Scatter of the block scores beside the best single change, relative to independent noise, from which on
 # several things have changed at once. Roads reach 15.
 _MIN_SEVERAL_TEMPERING = 50.0
-# Share of the gain of a remounted sensor below which another change is within how exactly it is modelled.
+# Fraction of the gain of a remounted sensor below which another change may be an error of modelling it.
 _MIN_SHARE_BESIDE_REMOUNT = 1e-3
 # Effects that change together when a sensor is remounted.
 _MOUNTING_EFFECTS = ("node_misalignment", "lever_arm")
 
 
 @dataclass(frozen=True)
-class SearchedPair:
-    """Two logs after the search.
+class PairSearchResult:
+    """Result of the search for changes between two logs.
 
-    first: with everything common but what belongs to each drive
-    last: with all changes
+    first: both logs with common values, except for effects that belong to one drive
+    last: both logs with all changes
     changes: the largest gain first
     """
 
@@ -57,10 +57,10 @@ def search_changes(
     separate: Collection[EffectKey],
     tempering: float,
     report_progress: Callable[[str, float], None],
-) -> SearchedPair:
+) -> PairSearchResult:
     """Search the changes from the first log to the second.
 
-    states: of the same model
+    states: states of both logs, with the same model
     separate: keys of the terms that belong to each drive
     """
     first = pair = _start(states, separate, tempering)
@@ -83,7 +83,7 @@ def search_changes(
     if len(changes) > 1:
         pair, changes = _drop_redundant(pair, changes)
     ordered = sorted(changes.values(), key=lambda one: -one.gain)
-    return SearchedPair(first, pair, tuple(ordered))
+    return PairSearchResult(first, pair, tuple(ordered))
 
 
 def _states_of(pair: LogPair) -> tuple[State, State]:
@@ -91,7 +91,7 @@ def _states_of(pair: LogPair) -> tuple[State, State]:
 
 
 def _start(states: Sequence[State], separate: Collection[EffectKey], tempering: float) -> LogPair:
-    """Fit the separate terms of both logs under weights of their own, with walks common to both logs."""
+    """Fit the separate terms of each log under its own weights, with wheel walks common to both logs."""
     tracked = [track_wheel_phase(state)[0] for state in states]
     weights = [estimate_weights(state) for state in tracked]
     walks = {node: min(one.wheel_walks[node] for one in weights) for node in weights[0].wheel_walks}
@@ -107,7 +107,7 @@ def _deviance(pair: LogPair) -> float:
 
 
 def _find_best(pair: LogPair, excluded: Collection[EffectKey], min_gain: float) -> ChangeCandidate | None:
-    """Return the most probable change that gains enough, or None if there may be none."""
+    """Return the most probable change that gains enough; None if no change is probable enough."""
     differences = [*list_differences(pair), *list_scatter_differences(pair)]
     candidates = {
         one.key: one for one in differences if one.key not in excluded and one.hypothesis.gain >= min_gain
@@ -119,12 +119,12 @@ def _find_best(pair: LogPair, excluded: Collection[EffectKey], min_gain: float) 
 
 
 def _is_replaced(key: EffectKey, by: EffectKey) -> bool:
-    """Return True if a change of another scope takes the place of this one."""
+    """Return True if a change of the same effect in another scope replaces this one."""
     return key[0] == by[0] and ALL in (key[1], by[1])
 
 
 def _remount_nodes(pair: LogPair, best: ChangeCandidate) -> LogPair | None:
-    """Return both logs with the nodes mounted in another way, if that explains more than the best change."""
+    """Return both logs with remounted nodes, if that explains more than the best change."""
     if max(fit.tempering for fit in best.pair.fits) < _MIN_SEVERAL_TEMPERING:
         return None
     states, separate = _states_of(pair), pair.separate
@@ -147,13 +147,13 @@ def _with_own(state: State, name: str, node: str) -> State:
 
 
 def _judge_key(pair: LogPair, key: EffectKey) -> Hypothesis:
-    return judge_again(pair, key, max(fit.tempering for fit in pair.fits))
+    return rejudge_change(pair, key, max(fit.tempering for fit in pair.fits))
 
 
 def _drop_redundant(
     pair: LogPair, changes: dict[EffectKey, Hypothesis]
 ) -> tuple[LogPair, dict[EffectKey, Hypothesis]]:
-    """Drop changes that gain nothing beside the others, the weakest first."""
+    """Drop changes that gain nothing once the others are in the model, the weakest first."""
     in_scatter = {key: one for key, one in changes.items() if one.proposal is not None}
     keys = [key for key in changes if key not in in_scatter]
     while keys:

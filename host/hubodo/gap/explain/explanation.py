@@ -21,7 +21,7 @@ class ExplanationRow:
     """One scope of the effect in one round.
 
     gain: of the log-likelihood
-    evidence: ln Bayes factor against its absence
+    evidence: ln Bayes factor against the absence of the effect
     probability: None if it was not refitted
     beaten_by: the hypothesis that was added instead
     """
@@ -95,7 +95,7 @@ def _list_rows(judged: Round, number: int, name: str) -> list[ExplanationRow]:
 
 
 def _find_objection(rounds: Sequence[Round], name: str) -> str:
-    """Return why an effect was not added in the last round that refitted it; "" without an objection."""
+    """Return the reason why the last round that refitted an effect did not add it; "" if there was none."""
     for judged in reversed(rounds):
         hypotheses = [one for one in judged.hypotheses if one.term.effect.name == name]
         if hypotheses:
@@ -108,7 +108,7 @@ def _find_objection(rounds: Sequence[Round], name: str) -> str:
 
 
 def _summarise(result: MissingEffects, name: str, rows: list[ExplanationRow], is_rejected: bool) -> str:
-    """Return one sentence on what became of the effect."""
+    """Return one sentence on the outcome for the effect."""
     for finding in result.found:
         if finding.effect == name:
             return f"{name} is named ({finding.scope}), probability {format_probability(finding.confidence)}"

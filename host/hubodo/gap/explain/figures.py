@@ -71,7 +71,7 @@ def steps_figure(result: MissingEffects) -> go.Figure:
 
 
 def select_channels(result: MissingEffects, max_rows: int = 6) -> list[Channel]:
-    """Return the channels that each effect changed most.
+    """Return the channels with the largest change by each effect.
 
     Without effects, those with the largest residuals.
     """

@@ -21,7 +21,7 @@ from hubodo.gap.state.terms import ALL, ModelTerm
 
 # Posterior probability from which on another effect counts as inseparable.
 _MIN_INSEPARABLE_PROBABILITY = 0.05
-# Gain of ln likelihood below which the prior alone would decide between hypotheses.
+# Gain of ln likelihood below which the prior would decide between hypotheses.
 _MIN_CLEAR_GAIN = 40.0
 # Factor by which the prior odds of an effect may be wrong; it matters where another effect fits as well or
 # the gain is small.
@@ -41,7 +41,7 @@ def build_finding(
 ) -> Finding:
     """Build the finding of a term.
 
-    residuals, held_out_gaps: before and after it was added
+    residuals, held_out_gaps: before and after the effect was added
     given: the effect of the model file that the term refines
     """
     judged, name = rounds.get(term.key), term.effect.name
@@ -139,7 +139,7 @@ def _limit_confidence(
 
 
 def _is_overshadowed(term: ModelTerm, result: SearchResult, rounds: RoundsByKey) -> bool:
-    """Return True if an unnamed term on the same nodes has a larger gain."""
+    """Return True if an unnamed term on the same nodes has a much larger gain."""
     terms = [other for other in result.final.state.terms if other.is_fitted]
     nodes = result.final.state.problem.nodes
     scopes = [term.scope, *(node.name for node in nodes if term.scope == ALL)]
@@ -195,7 +195,7 @@ def estimate_parameters(term: ModelTerm, fit: Refit) -> dict[str, Estimate]:
         jacobian[:, k] = [(values_above[name] - values_below[name]) / (2e-4 * scale) for name in values]
     frozen = np.flatnonzero(np.diag(plain_covariance) <= 0.0)
     if len(frozen) and len(frozen) < len(scales):
-        # Unobservable coordinates may have their usual size and then shift the observable ones.
+        # An unobservable coordinate may have its usual size, which would shift the observable ones.
         observed = np.setdiff1d(np.arange(len(scales)), frozen)
         gram = fit.gram[indices, indices]
         shift = (
@@ -205,7 +205,8 @@ def estimate_parameters(term: ModelTerm, fit: Refit) -> dict[str, Estimate]:
             shift @ shift.T * np.outer(scales[observed], scales[observed])
         )
     sigmas = np.sqrt(np.diag(jacobian @ covariance @ jacobian.T))
-    # Pruned coordinates are assumed, not estimated. Effects that are pruned have one parameter for each.
+    # A pruned coordinate is assumed, not estimated. In effects that can be pruned, each coordinate is one
+    # parameter.
     sigmas[list(term.frozen)] = 0.0
     return {
         name: Estimate(value, float(sigma) if sigma > 0.0 else None, effect.unit(name))

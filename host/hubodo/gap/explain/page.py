@@ -119,7 +119,7 @@ def gap_page(result: MissingEffects, written: str) -> str:
 
 
 def _limits_of_names() -> list[Section]:
-    """Return how far to trust a name: measured reliability, and causes that no drive distinguishes."""
+    """Return the section on how far names can be trusted, with causes that no drive distinguishes."""
     return [
         Section(
             "How far to trust a name",

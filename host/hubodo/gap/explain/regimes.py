@@ -19,7 +19,8 @@ _REGIME_WINDOW = 1.0
 # Share of the power by which a regressor has to exceed simpler ones, and by which a second one has to add.
 _MIN_SHARE_GAIN, _MIN_SECOND_SHARE = 0.02, 0.12
 _SETTLING_TIMES = (4.0, 8.0, 15.0, 30.0, 60.0, 120.0)
-# Ratio of a tone to the mean of the spectrum; Hz, below which it may be the drive itself.
+# Smallest ratio of a tone to the mean of the spectrum; smallest frequency, Hz, as slower tones may be the
+# drive.
 _MIN_TONE_RATIO, _MIN_REGIME_TONE_HZ = 30.0, 0.3
 _MIN_NAMED_SHARE = 0.3
 # Power that the best regressor explains in pure noise, in units of the noise variance.
@@ -49,7 +50,7 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class Regime:
-    """The regime of a series, in words, and the share of its power that the regime explains, 0 to 1."""
+    """The regime of a series as text, and the share of the series' power that it explains, 0 to 1."""
 
     words: str
     share: float
@@ -78,7 +79,7 @@ def compute_trajectory(node: NodeData) -> Trajectory:
 
 
 class Regimes:
-    """Regressors of one node, built once for all its channels."""
+    """Regressors of one node, which are computed once for all its channels."""
 
     def __init__(self, trajectory: Trajectory) -> None:
         self.trajectory = trajectory
@@ -109,7 +110,7 @@ class Regimes:
         series = np.asarray(series, np.float64)
         spread = float(np.mean(np.broadcast_to(np.square(noise), series.shape)))
         total = float(series @ series)
-        # Power of the noise is not to be explained.
+        # The power of the noise counts as explained.
         power = max(total - spread * len(series), 1e-3 * total)
         if power <= 0.0:
             return Regime("not at all", 0.0)

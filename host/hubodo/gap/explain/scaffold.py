@@ -12,12 +12,12 @@ from hubodo.gap.explain.summary import format_with_sigma
 
 @dataclass(frozen=True)
 class Scaffold:
-    """A scaffolded effect.
+    """A new effect written for `--scaffold`.
 
-    source: text of its file
+    source: text of the effect's Python file
     where: channels and regimes that show it, in words
     parameters: fitted to the log
-    replaced: effects that it makes unnecessary
+    replaced: effects that the new one makes unnecessary
     """
 
     name: str

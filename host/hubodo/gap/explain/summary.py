@@ -28,7 +28,7 @@ _DISPLAY_UNITS: Mapping[str, tuple[float, str]] = {
 # Factor and unit of an angle or its rate beside the SI value.
 _ANGLE_UNITS = {unit: _DISPLAY_UNITS[unit] for unit in ("rad", "rad/s", "rad/s/°C")}
 _SURE_CONFIDENCE = 0.9
-# Growth of the held-out gap that counts as none.
+# Largest growth of the held-out gap that is ignored.
 _MAX_HELD_OUT_GROWTH = 1e-3
 # Ratio of estimated to declared noise, or its inverse, from which on advice is given.
 _MIN_NOISE_RATIO_FOR_ADVICE = 1.3

@@ -1,4 +1,4 @@
-"""A gap result as text for a terminal."""
+"""Output of a gap result on a terminal."""
 
 from __future__ import annotations
 

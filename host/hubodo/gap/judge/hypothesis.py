@@ -31,7 +31,7 @@ _MIN_HELD_OUT_Z, _MIN_HELD_OUT_SHARE = 2.5, 0.3
 # stretch, as roads do. Offsets and clocks need none, as they differ from drive to drive. The larger value is
 # for unnamed terms; the smaller one grows with the coordinates beyond those of a triad.
 _MIN_LEVEL_SIGMAS, _MIN_LEVEL_SIGMAS_UNNAMED, _TRIAD_SIZE = 0.45, 1.3, 3
-# Share of the gain that the plausible coordinates of an effect have alone.
+# Smallest share of the gain that the plausible coordinates of an effect must have alone.
 _MIN_PLAUSIBLE_SHARE = 0.5
 # ln Bayes factor of a hypothesis with an objection: too little for any prior.
 _OBJECTION_EVIDENCE = -50.0
@@ -43,13 +43,13 @@ class Hypothesis:
     """One candidate of a round.
 
     gain: in ln likelihood
-    evidence: ln Bayes factor against its absence
+    evidence: ln Bayes factor against the absence of the effect
     probability: posterior among all hypotheses of its round and the null hypothesis
-    state: at the end of its refit
-    proposal: of a scatter detector
+    state: state of the model at the end of the refit
+    proposal: result of the scatter detector that proposed the effect, if one did
     held_out_gain: cross-validated over folds of time; None for effects on scatter
     objection: why it cannot be added despite its gain; "" if nothing speaks against it
-    n_determined, determined_gain: coordinates that the log determines, and the gain that they have alone
+    n_determined, determined_gain: number of coordinates that the log determines, and the gain of these alone
     """
 
     term: ModelTerm
@@ -74,18 +74,18 @@ class Hypothesis:
 
     @property
     def is_within_level(self) -> bool:
-        """Return True if the held-out gain is within what the level of the noise leaves in doubt."""
+        """Return True if a varying noise level could produce the held-out gain."""
         gain = self.held_out_gain
         return gain is not None and is_within_level(self.term, gain)
 
     @property
     def doubtful_gain(self) -> float:
-        """Return the held-out gain that the level of the noise leaves in doubt; 0 if it was not computed."""
+        """Return the held-out gain that a varying noise level could produce; 0 if it was not computed."""
         gain = self.held_out_gain
         return 0.0 if gain is None else doubtful_gain(self.term, gain)
 
     def with_objection(self, objection: str) -> Hypothesis:
-        """Return a copy with an objection, and so with little evidence."""
+        """Return a copy with an objection, which sets its evidence to a low value."""
         return replace(self, objection=objection, evidence=min(self.evidence, _OBJECTION_EVIDENCE))
 
     def without_tracking(self) -> Hypothesis:
@@ -96,17 +96,17 @@ class Hypothesis:
         return replace(self, state=state)
 
     def p_value(self, null_distribution: NullDistribution) -> float:
-        """Return how often the best candidate would gain as much by chance."""
+        """Return the probability that the best of all candidates gains as much by chance."""
         return null_distribution.p_value(self.gain, len(self.term.effect.coordinates()))
 
 
 def is_within_level(term: ModelTerm, gain: HeldOutGain) -> bool:
-    """Return True if the held-out gain of a term is within what the level of the noise leaves in doubt."""
+    """Return True if a varying noise level could produce the held-out gain of a term."""
     return gain.total < doubtful_gain(term, gain)
 
 
 def doubtful_gain(term: ModelTerm, gain: HeldOutGain) -> float:
-    """Return the held-out gain of a term that the level of the noise leaves in doubt."""
+    """Return the held-out gain of a term that a varying noise level could produce."""
     is_unnamed = term.effect.name.startswith(PREFIX)
     size_ratio = max(len(term.effect.coordinates()) / _TRIAD_SIZE, 1.0)
     sigmas = _MIN_LEVEL_SIGMAS_UNNAMED if is_unnamed else _MIN_LEVEL_SIGMAS * math.sqrt(size_ratio)
@@ -146,7 +146,7 @@ def judge_unnamed_term(before: Refit, unnamed: UnnamedTerm, after: Refit, temper
 def _weigh_objections(
     before: Refit, term: ModelTerm, after: Refit, gain: float, evidence: float, tempering: float
 ) -> Hypothesis:
-    """Return the hypothesis, with little evidence if it is implausible or gains nothing if held out."""
+    """Return the hypothesis, with little evidence if it is implausible or fails on held-out samples."""
     held_out_gain = compute_held_out_gain(before.fold_deviances, after.fold_deviances)
     state = after.evaluation.without_cache().state
     count, loss = count_determined(after, term, tempering)
@@ -192,7 +192,7 @@ def _describe_implausible(term: ModelTerm) -> str:
 
 
 def _helps_held_out(gain: float, held_out_gain: HeldOutGain, tempering: float) -> bool:
-    """Return True if a term gains on held-out samples beyond what correlated residuals make by chance."""
+    """Return True if a term gains more on held-out samples than correlated residuals do by chance."""
     correlated_share = 1.0 - 1.0 / tempering
     return (
         held_out_gain.z >= _MIN_HELD_OUT_Z * correlated_share
@@ -205,7 +205,7 @@ def _limit_gain(gain: float, promised: float) -> float:
 
 
 def _refit_evidence(screened: ScreenedCandidate, information: Array, gain: float, tempering: float) -> float:
-    """Return ln Bayes factor after the refit.
+    """Return the ln Bayes factor of an effect after its refit.
 
     The linear model at the candidate's start determines which coordinates are at work; coordinates
     unobservable there (such as the time constant of zero) are penalised at the end of the refit.

@@ -45,7 +45,7 @@ class Journal:
         """Open a journal.
 
         search_fingerprint: hash of everything that the rounds depend on
-        resume: continue with the rounds of the file
+        resume: True to continue with the rounds of the file
 
         Raises InputError if there is no file to resume, or it belongs to another search.
         """
@@ -83,12 +83,12 @@ class Journal:
         self._path.parent.mkdir(parents=True, exist_ok=True)
         try:
             if self._head:
-                # Do not write through an existing link.
+                # Replace an existing link instead of writing through it.
                 self._path.unlink(missing_ok=True)
             with self._path.open("x" if self._head else "a", encoding="utf-8") as file:
                 file.write(f"{self._head}{json.dumps(entry)}\n")
         except OSError as error:
-            # Add the path, which the error of a write lacks; an incomplete round is removed.
+            # Remove the incomplete round, and add the path, which the error of a write lacks.
             self._path.unlink(missing_ok=True)
             raise OSError(error.errno, error.strerror, str(self._path)) from None
         self._head = ""
@@ -205,7 +205,7 @@ def _state_from_json(entry: Mapping[str, Any], point: Evaluation) -> State:
         {name: NodeInitialState(angle, (x, y, z)) for name, (angle, (x, y, z)) in entry["starts"].items()},
         {name: _array_from_text(values) for name, values in entry["paths"].items()},
         {name: _array_from_text(values) for name, values in entry["late"].items()},
-        # A round does not change it.
+        # A round does not change the evaluation.
         point.state.has_steady_wheels,
     )
 

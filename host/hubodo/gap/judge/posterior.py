@@ -18,8 +18,8 @@ from hubodo.gap.judge.hypothesis import Hypothesis
 # fits no better than a listed effect is that effect.
 LOG_PRIOR_NOTHING, LOG_PRIOR_UNNAMED = log(0.5), log(1e-6)
 _LOG_PRIOR_LISTED = log(0.5)
-# A library term whose gain is larger by more than this ln likelihood is not that effect: its prior is then
-# the probability that the list is incomplete.
+# A library term that gains this much more ln likelihood than a listed effect is another effect: its prior is
+# the probability that the list of effects is incomplete.
 MAX_SIMILAR_GAIN, _LOG_PRIOR_LIST_INCOMPLETE = 3.0, log(0.05)
 
 

@@ -1,4 +1,4 @@
-"""Reconsideration: each effect that was added is judged again beside all others, and against chance."""
+"""Reconsideration: each added effect is judged again with all others in the model, and against chance."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from hubodo.gap.refit.refit import Refit, compute_gain, refit, refit_with_weight
 from hubodo.gap.state.state import State
 from hubodo.gap.state.terms import ModelTerm
 
-# Replacements at most; each costs a round for every effect.
+# Largest number of replacements; each costs a round for every effect.
 _MAX_REPLACEMENTS = 6
 # With more effects than this, only those are reconsidered that were added provisionally, lost half of their
 # gain, were found beside an effect since removed, or are library terms: each costs one round.
 _MAX_FULL_RECONSIDERATION, _MIN_GAIN_SHARE = 4, 0.5
-# Effects at most that are tried together instead of a random walk.
+# Largest number of effects that are tried together instead of a random walk.
 _MAX_WALK_REPLACEMENTS = 3
-# Start and share of this step in the reported progress.
+# Start and fraction of the reported progress for this step.
 _RECONSIDER_PROGRESS_START, _RECONSIDER_PROGRESS_SHARE = 0.75, 0.15
 
 RoundsByKey = Mapping[tuple[str, str], Round]
@@ -35,11 +35,11 @@ def reconsider_effects(
     reject: Collection[str] = (),
     observer: SearchObserver | None = None,
 ) -> tuple[SearchResult, RoundsByKey]:
-    """Remove each effect in turn and search again beside all the others.
+    """Remove each effect in turn and search again with all others in the model.
 
-    Effects that stood in for ones found later are dropped, and those with a better alternative replaced.
+    Effects that imitated later ones are dropped, and those with a better alternative are replaced.
 
-    accept: effects that stay in any case
+    accept: effects that are never removed
     reject: effects not considered
     """
     effects = _EffectSet(
@@ -56,7 +56,7 @@ def reconsider_effects(
         rounds, revised = reconsideration.run_pass(effects)
     for key, judged in rounds.items():
         if judged.find_hypothesis(key) is None and key[0] not in accept:
-            # Similar hypotheses displaced it from the shortlist: its original round counts.
+            # Similar hypotheses displaced the effect from the shortlist, so its original round counts.
             rounds[key] = effects.original_rounds.get(key, judged)
     return replace(result, final=effects.final), rounds
 
@@ -65,9 +65,9 @@ def reconsider_effects(
 class _EffectSet:
     """The current set of effects.
 
-    final: fit of all effects
+    final: fit of all effects in the set
     original_rounds: the round that found each effect
-    earlier: keys of the sets that it replaced
+    earlier: keys of the sets that this one replaced
     confirmed_rounds: rounds in which an earlier set confirmed an effect that is still there
     """
 
@@ -102,7 +102,7 @@ class _EffectSet:
         )
 
     def confirmed_by(self, rounds: RoundsByKey) -> _EffectSet:
-        """Return the set with the rounds of this pass, for the effects that each of them put first."""
+        """Return the set with the rounds of this pass in which the effect was the best hypothesis."""
         confirmed = {
             key: judged
             for key, judged in rounds.items()
@@ -118,9 +118,9 @@ class _EffectSet:
         return {term.key: rounds[term.key] for term in self.terms if self._is_settled(term)}
 
     def _is_settled(self, term: ModelTerm) -> bool:
-        """Return True if an effect retains its gain, and all effects present when it was found remain.
+        """Return True if an effect retains its gain, and all effects that preceded it are still in the set.
 
-        An effect that an earlier pass confirmed only has to retain its gain.
+        For an effect that an earlier pass confirmed, the gain alone counts.
         """
         judged = self.confirmed_rounds.get(term.key) or self.original_rounds.get(term.key)
         own = None if judged is None else judged.find_hypothesis(term.key)
@@ -131,7 +131,7 @@ class _EffectSet:
             term.key not in self.confirmed_rounds
             and not {other.key for other in judged.evaluation.state.terms} <= present
         ):
-            # It was judged beside an effect that has been removed since.
+            # The effect was judged with an effect in the model that has been removed since.
             return False
         gain = compute_gain(refit(self.final.evaluation.with_state(self.without(term)), rounds=2), self.final)
         return gain > _MIN_GAIN_SHARE * own.gain
@@ -242,10 +242,10 @@ def _fit_without_walk(
 def drop_chance_effects(
     result: SearchResult, rounds: RoundsByKey, accept: Collection[str] = ()
 ) -> tuple[SearchResult, RoundsByKey]:
-    """Drop effects whose gain the best candidate would reach by chance.
+    """Drop effects whose gain the best of all candidates would reach by chance.
 
     The null distribution is that of the final model's residual. Applies to effects visible in the mean;
-    `accept`: effects that stay in any case.
+    `accept`: effects that are never removed.
     """
     null_distribution = result.rounds[-1].null_distribution
     by_chance = set()

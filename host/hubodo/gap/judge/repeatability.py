@@ -1,4 +1,4 @@
-"""Drop effects that small changes of the model's own effects explain nearly as well."""
+"""Removal of effects that small changes of the model's own effects explain nearly as well."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from hubodo.gap.state.terms import ModelTerm
 # 1 sigma, in usual sizes, by which an effect of the vehicle differs from one drive to the next: a mounting of
 # 20 mrad by 2 mrad, a lever arm of 10 mm by 1 mm. On a real car misalignments differed by 0.7 mrad.
 REPEATABILITY = 0.1
-# Largest change that still is repeatability, in its sigma.
+# Largest change that counts as repeatability, in units of its sigma.
 _MAX_CHANGE_SIGMA = 2.0
 # Tempering from which on residuals are so correlated that a small change looks like a new effect.
 _MIN_TEMPERING = 2.0
@@ -29,9 +29,9 @@ _MIN_TEMPERING = 2.0
 def drop_effects_within_repeatability(
     result: SearchResult, accept: Collection[str] = ()
 ) -> tuple[SearchResult, tuple[ModelTerm, ...]]:
-    """Drop new effects that gain too little beside a model whose effects may change by their repeatability.
+    """Drop new effects that gain too little over a model whose effects may change by their repeatability.
 
-    accept: effects that stay in any case
+    accept: effects that are never dropped
 
     A misalignment that changed by 1 mrad between two drives leaves a residual that a new effect may explain,
     with a gain far above that of white noise. Returns the result and the dropped terms.
@@ -56,7 +56,7 @@ def drop_effects_within_repeatability(
 def _adapt(final: Refit, state: State) -> Refit:
     """Return a fit of a state in which the effects of the model file may change by their repeatability.
 
-    An effect that would change by more than that keeps its value: its change is no matter of repeatability.
+    An effect that would change by more than its repeatability is held at its value.
     """
     terms = [
         term if term.is_fitted else replace(term, is_fitted=True, repeatability=REPEATABILITY)
@@ -78,7 +78,7 @@ def _adapt(final: Refit, state: State) -> Refit:
 
 
 def _excess(fit: Refit, term: ModelTerm) -> float:
-    """Return the largest change of a given term's coordinates, as a share of what is repeatability."""
+    """Return the largest change of a coordinate of a given term, relative to its repeatability."""
     if not term.repeatability:
         return 0.0
     change = np.abs(fit.step[fit.coordinate_slice(term)]).max(initial=0.0)

@@ -46,7 +46,7 @@ _MIN_UNNAMED_ADVANTAGE = (1.2, 2.0)
 _COORDINATE_PENALTY, _MIN_CORRELATED_TEMPERING = 10.0, 3.0
 # ln Bayes factor for independent samples, from which on an effect is added provisionally.
 _PROVISIONAL_EVIDENCE = 20.0
-# Progress of a round after screening, refits, and comparison under common weights.
+# Fractions of a round's progress after screening, refits, and comparison under common weights.
 _PROGRESS_SCREENED, _PROGRESS_FITTED, _PROGRESS_COMPARED = 0.15, 0.6, 0.9
 
 ReportProgress = Callable[[str, float], None]
@@ -62,7 +62,7 @@ class Round:
         continue
     null_probability: posterior that nothing is missing
     screened: every candidate as screened, the best first
-    null_distribution: of the largest gain
+    null_distribution: null distribution of the largest gain
     tempering: factor by which gains were divided to account for correlated residuals
     """
 
@@ -86,8 +86,8 @@ class Round:
     def provisional(self) -> Hypothesis | None:
         """Return the hypothesis to add provisionally, or None.
 
-        If several effects are missing, each fit leaves correlated residuals, and tempering hides every gain.
-        The hypothesis is the one that would be added if the residuals were white.
+        If several effects are missing, residuals stay correlated whichever is fitted, and tempering hides
+        every gain. Returned is the hypothesis that would be added if the residuals were white.
         """
         if self.best is not None or not self.hypotheses:
             return None
@@ -127,7 +127,7 @@ def judge_round(
     evaluations = [before.evaluation.with_state(state) for state in states]
     initial_fits = [begin_fit(one, screening.linearisation) for one in evaluations]
     null = screening.null_distribution
-    del screening  # Its matrices are large, and no longer needed.
+    del screening  # its matrices are large and no longer needed
     refits: list[Refit] = []
     for k, (item, initial_fit) in enumerate(zip(selected, initial_fits, strict=True)):
         report_progress(
@@ -176,9 +176,9 @@ def _refit_with_common_weights(before: Refit, refits: Sequence[Refit]) -> tuple[
 def _prefer_simple(ordered: tuple[Hypothesis, ...], tempering: float) -> tuple[Hypothesis, ...]:
     """Put the hypothesis first whose determined coordinates gain most, less a penalty for their number.
 
-    Where residuals are correlated, any further coordinate takes something from the road. Of several scopes of
-    that effect, the one with the largest gain on held-out samples is preferred. The two hypotheses exchange
-    their probabilities.
+    Where residuals are correlated, any further coordinate can absorb some of the road's irregularities. Of
+    several scopes of that effect, the one with the largest gain on held-out samples is preferred. The two
+    hypotheses exchange their probabilities.
     """
     if not ordered or ordered[0].state is None or tempering < _MIN_CORRELATED_TEMPERING:
         return ordered
@@ -204,10 +204,10 @@ def _prefer_simple(ordered: tuple[Hypothesis, ...], tempering: float) -> tuple[H
 
 
 def share_between_scopes(ordered: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
-    """Divide the probability of the first hypothesis among the scopes that gain as much on held-out samples.
+    """Divide the probability of the first hypothesis among scopes with equal gain on held-out samples.
 
-    As much: within what the level of the noise leaves in doubt. The speed that two wheels measure together
-    shows the difference of their clocks alone, and either may be the late one.
+    Gains are equal if a varying noise level could produce their difference. A speed measured by two wheels,
+    for example, shows only the difference of their clocks, and either may be late.
     """
     first = ordered[0]
     scopes = [
@@ -226,7 +226,7 @@ def share_between_scopes(ordered: Sequence[Hypothesis]) -> tuple[Hypothesis, ...
 
 
 def _object_to_substitutes(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """Object to offsets and clocks that gain less than a doubtful property of the vehicle."""
+    """Reject offsets and clocks that gain less than a doubtful property of the vehicle."""
     doubtful = [one.held_out_total for one in hypotheses if one.objection == DOUBTFUL_LEVEL]
     return [
         one.with_objection("gains less than an effect that is in doubt")
@@ -239,7 +239,7 @@ def _object_to_substitutes(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]
 def _drop_similar_unnamed(hypotheses: Sequence[Hypothesis], tempering: float) -> list[Hypothesis]:
     """Leave out unnamed terms that gain hardly more than a listed effect.
 
-    On a road no model fits exactly, and of two that fit almost equally the more flexible one gains more.
+    On a road no model fits exactly, so the more flexible of two similar models always gains more.
     """
     is_correlated = tempering > _MIN_CORRELATED_TEMPERING
     named = [
@@ -252,14 +252,14 @@ def _drop_similar_unnamed(hypotheses: Sequence[Hypothesis], tempering: float) ->
 
 
 def _select_unnamed_terms(before: Refit, best_gain: float) -> list[UnnamedTerm]:
-    """Return the few unnamed terms with enough evidence beside the best gain."""
+    """Return the few unnamed terms whose evidence is large enough compared with the best gain."""
     minimum = max(_MIN_UNNAMED_EVIDENCE, _MIN_UNNAMED_SHARE * best_gain)
     terms = find_unnamed_terms(before.evaluation)
     return [term for term in terms if term.evidence > minimum][:_MAX_UNNAMED_REFITS]
 
 
 def _max_deviance(before: Refit, refits: Sequence[Refit]) -> float:
-    """Return the deviance above which a fit is abandoned: another gained more than twice as much."""
+    """Return the deviance above which a fit is abandoned, because another gained more than twice as much."""
     best = min([before, *refits], key=lambda fit: fit.deviance)
     half_gain = 0.5 * (before.deviance - best.deviance)
     return before.deviance - half_gain if half_gain > _HOPELESS_DEVIANCE * best.tempering else math.inf
@@ -280,10 +280,10 @@ def _select_for_refit(
 
 
 def _shortlist(screened: list[ScreenedCandidate], count: int) -> list[ScreenedCandidate]:
-    """Return the best few with positive evidence, with the best seed of each effect and scope.
+    """Return the best few candidates with positive evidence, with the best seed of each effect and scope.
 
-    The best scopes of some effects come first, as one that is not linear gains more than its score promises;
-    then other scopes of the first effect.
+    The best scopes of several effects come first, because a nonlinear effect gains more than its score
+    promises; then other scopes of the first effect.
     """
     best: dict[tuple[str, str], ScreenedCandidate] = {}
     for item in screened:

@@ -18,9 +18,9 @@ from hubodo.gap.state.state import State
 from hubodo.gap.state.terms import terms_of_model
 from hubodo.model.forward import NodeInitialState
 
-# Effects added at most, one per round, which bounds the duration.
+# Largest number of effects, one per round, which bounds the duration.
 _MAX_EFFECTS = 10
-# Effects added provisionally at most, while other missing effects hide their gain.
+# Largest number of effects added provisionally, while other missing effects hide their gain.
 _MAX_PROVISIONAL = 3
 # Effects between consecutive samples are not visible after decimation.
 _NEEDS_EVERY_SAMPLE = ("sample_repeat",)
@@ -31,7 +31,7 @@ _MAX_GAP_GROWTH = 1.25
 # searched.
 _MIN_TREND_RATIO = 2.0
 
-# Share of the search in the reported progress.
+# Fraction of the reported progress for the search.
 _SEARCH_PROGRESS_SHARE = 0.75
 
 
@@ -51,10 +51,10 @@ class SearchResult:
 
 @dataclass(frozen=True)
 class SearchObserver:
-    """Callbacks of a running search.
+    """Journal and callbacks of a running search.
 
-    journal: stores its rounds
-    report_progress: called with the activity and the completed share of the whole
+    journal: stores the rounds of the search
+    report_progress: called with the activity as text and the completed fraction of the search
     on_effect_added: called with the intermediate result after each effect
     """
 
@@ -71,7 +71,7 @@ def search_effects(
 ) -> SearchResult:
     """Add effects until none is significant.
 
-    accept: effects added first, in the best scope, in any case
+    accept: effects that are added first, in their best scope, without a test
     reject: effects not considered
 
     A log with a higher rate than needed is searched with decimated samples first, then with all samples.
@@ -96,7 +96,7 @@ def _search_rounds(
     observer: SearchObserver,
     earlier_rounds: tuple[Round, ...] = (),
 ) -> SearchResult:
-    """Search from a state; `earlier_rounds` led to it."""
+    """Search from a state to which `earlier_rounds` led."""
     fit = refit_with_weights(replace(state)).without_cache()
     rounds: list[Round] = []
     pending_accepted = [name for name in accept if name not in {term.effect.name for term in state.terms}]
@@ -117,7 +117,7 @@ def _search_rounds(
             continue
         was_accepted, pending_accepted = bool(pending_accepted), pending_accepted[1:]
         if best is None and n_provisional < _MAX_PROVISIONAL:
-            # Its gain becomes visible beside later effects; otherwise it is removed again.
+            # Its gain becomes visible once later effects are in the model; otherwise it is removed again.
             best, n_provisional = judged.provisional, n_provisional + 1
         if best is None and number < _MAX_EFFECTS:
             steady = _with_steady_wheels(fit)
@@ -141,7 +141,7 @@ def _search_rounds(
 
 
 def _with_steady_wheels(fit: Refit) -> Refit | None:
-    """Return the fit in which trends of the wheels' phases are no part of their walks; None if none has one.
+    """Return the fit with trends of wheel phases separated from their walks; None if there are no trends.
 
     While a wheel's phase drifts steadily because of a wrong scale or bias, its walk is so large that neither
     the cause of the drift nor the wheel that has a small error can be identified.

@@ -1,4 +1,4 @@
-"""Effects that only add to the readings: no new motion has to be computed for them."""
+"""Effects that only add to the readings, for which no new motion has to be computed."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ class AdditiveEffects:
     """Change of one node's readings by effects that only add to them."""
 
     def __init__(self, chain: SensorChain, effects: Mapping[type[Effect], Effect]) -> None:
-        """Take the physical input of the sensor, `chain`, and the effects of the node."""
+        """Prepare for one node; chain: physical input of its sensor; effects: effects of the node."""
         self._chain = chain
         self._effects = effects
         self._straight = not any(_overrides(kind, "clip_readings") for kind in effects)
         self._present: dict[type[Effect], Array] = {}
 
     def is_additive(self, kind: type[Effect]) -> bool:
-        """Return True if effects of this class only add, and no later stage of the chain is nonlinear."""
+        """Return True if effects of a class only add, and no later stage of the sensor chain is nonlinear."""
         return self._straight and not any(_overrides(kind, stage) for stage in _NON_ADDITIVE_STAGES)
 
     def reading_change(self, effect: Effect) -> Array:
-        """Return the change of the readings, (6, N), when an effect replaces the node's own of that class."""
+        """Return the change of the readings, (6, N), if an effect replaces the node's own of that class."""
         kind, own = type(effect), self._effects.get(type(effect))
         if kind.is_linear:
             return self._added(

@@ -23,7 +23,7 @@ _MIN_INFORMATION_SHARE = 1e-5
 class Linearisation:
     """A linearised model as gram matrices of its directions.
 
-    directions: as requested; nuisances follow them and are always free
+    directions: the requested directions; in the matrices nuisances follow them, which are always free
     block_grams: (D+1, D+1) for each block of time; the last row belongs to the residual
     raw_squares: (D+1,) as in `Innovations`
     log_determinant: ln det of the innovation covariance
@@ -72,7 +72,7 @@ def linearise(evaluation: Evaluation, directions: Sequence[Direction]) -> Linear
 
 
 class _DirectionColumns:
-    """Columns of the directions, followed by those of the attitude for a node on the body."""
+    """Sensitivity columns of the directions, followed by those of the attitude for a node on the body."""
 
     def __init__(self, state: State, directions: Sequence[Direction]) -> None:
         self._directions = DirectionSensitivities(state, directions)

@@ -18,7 +18,7 @@ from hubodo.gap.problem.problem import NodeData
 from hubodo.gap.state.state import State, stack_channels
 from hubodo.model.inputs import MotionCorrection, SpeedCorrection
 
-# In scales of a coordinate; over a long log even a small change of radius accumulates to many turns.
+# Step in scales of a coordinate; over a long log even a small change of radius accumulates to many turns.
 _STEP_SCALES = 1e-6
 
 
@@ -82,7 +82,7 @@ class DirectionSensitivities:
                 name: _replace_effect(node_effects, shifted) if name in affected else node_effects
                 for name, node_effects in state.effects.items()
             }
-            # A change of the speed measured by one node's gyro affects all other nodes.
+            # If one node's gyro measures the speed, a change of its reading affects all other nodes.
             slope = self._shared and self._shared.correction_slope(effects, shifted, affected, _STEP_SCALES)
             if slope:
                 self._more[k] = slope
@@ -101,7 +101,7 @@ class DirectionSensitivities:
     def columns(self, node: NodeData, state: State, samples: Mapping[str, slice]) -> NDArray[np.float32]:
         """Return the change of the channels per scale, (P, 6, N).
 
-        node, state: of the given samples only
+        node, state: restricted to the given samples
         """
         indices, stored, inside = self.indices[node.name], self._stored[node.name], samples[node.name]
         columns = np.zeros((len(indices), *node.y.shape), np.float32)
@@ -128,7 +128,7 @@ class _NodeResponse:
     """Response of one node to a changed effect, per scale."""
 
     def __init__(self, state: State, node: NodeData, chain: SensorChain | None = None) -> None:
-        """Take the physical input of the sensor, `chain`, if it depends on earlier samples."""
+        """Prepare for one node; chain: physical input of its sensor, if it depends on earlier samples."""
         self._state, self._node, self._chain = state, node, chain
 
     @cached_property

@@ -34,7 +34,7 @@ class SpeedCoupling:
     def correction_slope(
         self, effects: Effects, effect: Effect, changed: Collection[str], step: float
     ) -> SpeedCorrection | None:
-        """Return the change of the speed correction per `step` of an effect; None if it stays.
+        """Return the change of the speed correction per `step` of an effect; None if it does not change.
 
         effects: of all nodes, including the changed one
         changed: names of the nodes with the changed effect
@@ -54,7 +54,7 @@ class SpeedCoupling:
         return SpeedCorrection(correction.t, speed / step) if speed.any() else None
 
     def _read(self, node: NodeData, effect: Effect) -> Array:
-        """Return the change of the measured speed's error, (N,) m/s, by an additive effect."""
+        """Return the change of the error of the measured speed, (N,) m/s, by an additive effect."""
         rate = self._added[node.name].reading_change(effect)[2]
         return np.asarray(self._state.speed_errors[node.name].correction_per_rate * rate)
 

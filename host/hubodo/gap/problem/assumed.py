@@ -17,14 +17,15 @@ from hubodo.vehicle import Vehicle
 
 # Fourth-order differences amplify white noise by sqrt(70) and suppress the slow rotation of a wheel.
 _DIFFERENCE_ORDER, _DIFFERENCE_GAIN = 4, 70.0**0.5
-# s; share. Noise is read from the quietest quarter of such segments, as the road shakes the sensor elsewhere.
+# Length of a segment, s, and share of the segments: noise is measured in the quietest quarter, as the road
+# shakes the sensor elsewhere.
 _NOISE_SEGMENT, _QUIET_FRACTION = 0.5, 0.25
 # Cosine of the tilt below which a node on the body measures the yaw rate with its z axis.
 _MIN_UPRIGHT_COSINE = 0.97
 
 
 def assume_model(recording: Recording, vehicle: Vehicle, log_name: str = "log") -> Model:
-    """Return a model with no effects, noise as the samples scatter, and inputs found in the log.
+    """Return a model without effects, with noise estimated from the samples and inputs from the log.
 
     Inputs are the reference where the log has one; otherwise the speed comes from the wheels' own gyros, and
     the yaw rate from an upright node on the body or from the odometry. Raises InputError for a log without a

@@ -1,4 +1,4 @@
-"""Build the problem from a log and a model: nodes, inputs and their common time span."""
+"""Construction of the problem from a log and a model: nodes, inputs and their common time span."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from hubodo.recording import NODE_OPTIONAL_COLUMNS, Recording, Table
 from hubodo.smoothing_spline import constant_spline
 from hubodo.time_gaps import check_time_gaps
 
-# s; shorter logs contain too few turns and stops.
+# s, minimum duration; shorter logs contain too few turns and stops.
 MIN_DURATION = 20.0
 # Number of equal largest readings from which on they are taken for saturation.
 _MIN_LIMIT_READINGS = 6
@@ -96,7 +96,7 @@ def _build_nodes(
 ) -> tuple[NodeData, ...]:
     """Return the nodes with enough samples.
 
-    span: s, the start of the log, and the first and last time since then
+    span: s, start of the log, and first and last time relative to it
     """
     origin, first, last = span
     nodes = []
@@ -133,7 +133,8 @@ def find_saturation_limit(y: Array) -> float:
     At a limit many of the largest magnitudes are equal.
     """
     values, counts = np.unique(np.abs(y), return_counts=True)
-    # Without a limit, noise spreads the largest readings: fewer have the last value than those before it.
+    # Without a limit, noise spreads the largest readings: fewer have the largest value than the values below
+    # it.
     if len(values) > 4 and counts[-1] >= _MIN_LIMIT_READINGS and counts[-1] > 3 * counts[-4:-1].max():
         return float(values[-1])
     return np.inf

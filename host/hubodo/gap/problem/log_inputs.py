@@ -48,11 +48,11 @@ class LogInputs:
 
 
 def read_inputs(recording: Recording, model: Model, origin: float, log_name: str) -> LogInputs:
-    """Read the inputs that the model asks for; `origin` is the start of the log in s.
+    """Read the inputs that the model requires; `origin` is the start of the log in s.
 
-    Raises InputError if one is missing.
+    Raises InputError if an input is missing.
     """
-    # The speed of the wheels needs the yaw rate; of two missing inputs the speed is the one to be named.
+    # The speed from the wheels requires the yaw rate; if both inputs are missing, the error names the speed.
     if isinstance(model.inputs.speed, str) and not model.inputs.speed.startswith("nodes"):
         _find_input(recording, model.inputs.speed, log_name)
     yaw_rate, yaw_first, yaw_last = _read_yaw_rate(recording, model, origin, log_name)
@@ -165,7 +165,7 @@ def _read_speed(
 def _speeds_of_midpoint(
     model: Model, sources: Sequence[str], speeds: Sequence[Array], yaw_rate: SmoothingSpline | None, t: Array
 ) -> list[Array]:
-    """Return the speed of the midpoint between the wheels, (N,) m/s, as each wheel shows it."""
+    """Return the speed of the midpoint between the wheels, (N,) m/s, as measured by each wheel."""
     if yaw_rate is None:
         return list(speeds)
     turn = 0.5 * model.vehicle.track_width * yaw_rate(t)
@@ -185,7 +185,7 @@ def _read_yaw_rate(
 
 
 def _wheel_difference(recording: Recording, model: Model) -> tuple[Array, Array] | None:
-    """Return times, s, and the yaw rate, rad/s, that the speeds of two wheels show; None without two."""
+    """Return times, s, and the yaw rate, rad/s, from the speeds of two wheels; None if there are not two."""
     wheels = {
         mount.side: (recording.nodes[name], facing_sign(mount.facing or "left"))
         for name, mount in model.vehicle.nodes.items()
@@ -217,17 +217,17 @@ def _read_column(
     name: str,
     origin: float,
     log_name: str,
-    witness: tuple[Array, Array] | None = None,
+    second_sensor: tuple[Array, Array] | None = None,
 ) -> tuple[SmoothingSpline, float, float]:
     """Return a smoothed column of the log by its name, `reference.speed` or `frame.gz`, and its time span.
 
-    witness: times, s, and samples of another sensor of the same motion, if there is one
+    second_sensor: times, s, and samples of another sensor of the same motion, if there is one
     """
     table, column = _find_input(recording, name, log_name)
     if len(table) < 10:
         raise InputError(f"{log_name}: the model's input {name!r} has {len(table)} rows; too few")
     t = table.t - origin
-    other = None if witness is None else np.interp(table.t, *witness)
+    other = None if second_sensor is None else np.interp(table.t, *second_sensor)
     return _smooth_input(t, table[column], other), float(t[0]), float(t[-1])
 
 
@@ -243,10 +243,10 @@ def _find_input(recording: Recording, name: str, log_name: str) -> tuple[Table, 
     return table, column
 
 
-def _smooth_input(t: Array, values: Array, witness: Array | None = None) -> SmoothingSpline:
+def _smooth_input(t: Array, values: Array, second_sensor: Array | None = None) -> SmoothingSpline:
     """Return the smooth function behind an input; a constant level in white noise becomes its mean.
 
-    witness: (N,) another sensor's samples of the same motion, if there is one
+    second_sensor: (N,) samples of another sensor of the same motion, if there is one
     """
     white = float(np.median(np.abs(np.diff(values)))) / 0.6745 / np.sqrt(2.0)
     if float(np.std(values)) <= _MAX_CONSTANT_RATIO * white or not np.ptp(values):
@@ -260,7 +260,7 @@ def _smooth_input(t: Array, values: Array, witness: Array | None = None) -> Smoo
         return replace(
             level, noise=white, value_noise=white / np.sqrt(len(t)), correlation_time=float(np.ptp(t))
         )
-    return fit_smoothing_spline(t, values, estimate_motion_band(t, values, witness))
+    return fit_smoothing_spline(t, values, estimate_motion_band(t, values, second_sensor))
 
 
 def _sample_period(recording: Recording, name: str | float) -> float:
@@ -278,7 +278,7 @@ def read_temperature(recording: Recording, names: Iterable[str], origin: float) 
 
 
 def read_trace(table: Table, column: str, origin: float) -> Trace | None:
-    """Return a column where it is finite, None if it nowhere is; `origin` is the start of the log in s."""
+    """Return the finite values of a column, None if there are none; `origin` is the start of the log in s."""
     if column not in table:
         return None
     known = np.isfinite(table[column])

@@ -12,19 +12,19 @@ from hubodo.arrays import Array
 # Spectra are means over at least this many half overlapping segments, and over bands of this ratio.
 _MIN_SEGMENTS, _BAND_RATIO = 12, 2.0 ** (1.0 / 3.0)
 _MAX_SEGMENT_DURATION, _MIN_SEGMENT_SAMPLES = 10.0, 64  # s, and samples
-# Power at which motion and noise are equal, relative to the noise alone; share of the power that two sensors
-# have in common at which both are equal.
+# Power relative to the noise alone at which motion and noise are equal; coherent share of the power of two
+# sensors at which motion and noise are equal.
 _EQUAL_POWER, _EQUAL_COHERENCE = 2.0, 0.5
 
 
-def estimate_motion_band(t: Array, value: Array, witness: Array | None = None) -> float:
-    """Return the frequency, Hz, up to which samples show motion; infinite if all of it may be motion.
+def estimate_motion_band(t: Array, value: Array, second_sensor: Array | None = None) -> float:
+    """Return the frequency, Hz, up to which samples show motion; infinite if there is no sign of vibration.
 
-    Motion ends where a witness of the same motion is no longer coherent. Without a witness: a spectrum of
-    motion falls, so where it rises again beyond a valley, there is vibration, and motion ends where the
-    spectrum first comes down to the power in the deepest valley.
+    Motion ends where a second sensor of the same motion is no longer coherent. Without a second sensor, the
+    spectrum decides: that of motion falls, so a rise beyond a valley is vibration, and motion ends where the
+    spectrum first comes down to the power of the deepest valley.
 
-    t: (N,) s; value: (N,); witness: (N,) another sensor's samples of the same motion, up to a factor
+    t: (N,) s; value: (N,); second_sensor: (N,) another sensor's samples of the same motion, up to a factor
     """
     step = float(np.median(np.diff(t)))
     grid = np.arange(t[0], t[-1], step)
@@ -32,7 +32,7 @@ def estimate_motion_band(t: Array, value: Array, witness: Array | None = None) -
     if segment < _MIN_SEGMENT_SAMPLES:
         return np.inf
     samples = np.interp(grid, t, value)
-    others = samples if witness is None else np.interp(grid, t, witness)
+    others = samples if second_sensor is None else np.interp(grid, t, second_sensor)
 
     def band_powers(a: Array, b: Array) -> Array:
         power = _cross_power(a, b, segment)
@@ -40,7 +40,7 @@ def estimate_motion_band(t: Array, value: Array, witness: Array | None = None) -
 
     edges = _band_edges(segment // 2 + 1)
     power = band_powers(samples, samples)
-    if witness is None:
+    if second_sensor is None:
         rise = np.maximum.accumulate(power[::-1])[::-1] / np.maximum(power, np.finfo(float).tiny)
         valley = int(np.argmax(rise))
         if rise[valley] < _EQUAL_POWER:
@@ -74,7 +74,7 @@ def _cross_power(a: Array, b: Array, segment: int) -> Array:
 
 
 def _band_edges(count: int) -> list[int]:
-    """Return the first index of each band of `count` frequencies, without zero, and the end."""
+    """Return the first index of each band of `count` frequencies, excluding zero, and the end."""
     edges = [1]
     while edges[-1] < count:
         edges.append(max(edges[-1] + 1, int(np.ceil(edges[-1] * _BAND_RATIO))))

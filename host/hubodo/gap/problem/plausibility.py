@@ -1,4 +1,4 @@
-"""Check that a log can belong to a model, and list what the log cannot show."""
+"""Check that a log can belong to a model, and list of what the log cannot show."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hubodo.model.forward import NodeInitialState
 from hubodo.model.inputs import MotionInputs
 from hubodo.vehicle import facing_sign
 
-# rad/s; correlations. No effect of a real wheel or sensor crosses these bounds.
+# Bounds of a rate, rad/s, and of correlations that no effect of a real wheel or sensor crosses.
 _MIN_SPIN, _MIN_CORRELATION, _MAX_UNRELATED_CORRELATION = 0.2, 0.9, 0.3
 _MAX_SPIN_RATIO = 3.0
 _MIN_SPEED, _MIN_YAW_RATE, _MIN_TEMPERATURE_CHANGE, _MIN_SUPPLY_CHANGE = 0.05, 0.02, 0.3, 0.03
@@ -96,7 +96,7 @@ def _check_sides(nodes: Sequence[NodeData], log_name: str) -> None:
 
 
 def _wheel_spins(node: NodeData) -> tuple[Array, Array]:
-    """Return forward wheel spin, (N,) rad/s: as the inputs predict it, and as the gyro measures it."""
+    """Return the forward spin of a wheel, (N,) rad/s, predicted from the inputs and measured by the gyro."""
     rolling = node.forward.mean_reading((), NodeInitialState()).rolling
     assert rolling is not None
     return rolling.spin, facing_sign(node.mount.facing or "left") * node.y[2]

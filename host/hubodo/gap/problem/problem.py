@@ -18,7 +18,8 @@ from hubodo.vehicle import NodeMount
 CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
 # Nodes with fewer samples are ignored.
 MIN_NODE_SAMPLES = 100
-# Hz; faster motion of wheels and vehicles does not help to distinguish effects.
+# Hz, smallest rate after decimation; faster motion of wheels and vehicles does not help to distinguish
+# effects.
 _MIN_DECIMATED_RATE_HZ = 100.0
 # Smaller steps between readings are rounding of the file, not the resolution of the sensor.
 MIN_LATTICE_STEP = 1e-8
@@ -86,7 +87,7 @@ class Problem:
     speed_noise, yaw_rate_noise: m/s and rad/s, 1 sigma of one sample of the inputs
     speed_period, yaw_rate_period: s between samples of the inputs
     speed_sources: names of the nodes whose z gyro is the speed input; () with a reference
-    warnings: one line each
+    warnings: remarks for the user, one line each
     yaw_rate_offset_sigma: rad/s, 1 sigma of a constant error of the yaw rate input
     """
 

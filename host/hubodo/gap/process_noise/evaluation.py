@@ -42,7 +42,7 @@ from hubodo.gap.state.state import State
 class NodeColumns(Protocol):
     """Sensitivity columns of all nodes.
 
-    indices: for each node the positions of its P columns among all
+    indices: for each node the positions of its P columns among all columns
     """
 
     @property
@@ -51,7 +51,7 @@ class NodeColumns(Protocol):
     def columns(self, node: NodeData, state: State, samples: Mapping[str, slice]) -> NDArray[np.float32]:
         """Return the columns of a node, (P, 6, N).
 
-        node, state: of the given samples only
+        node, state: restricted to the given samples
         """
         ...
 
@@ -60,8 +60,8 @@ class NodeColumns(Protocol):
 class NodeNoiseEstimate:
     """Estimated process noise of a node in one segment.
 
-    node, state: of the segment's samples only
-    samples: their place in the log
+    node, state: restricted to the samples of the segment
+    samples: slice of the log that the segment covers
     components: each process noise with the change of the channels per unit, (6, N), and its smoothed value
         relative to the tracked one, (N,)
     """
@@ -96,6 +96,7 @@ class Evaluation:
     ) -> Innovations:
         """Return the innovations of all nodes and their columns (`n_columns` in total).
 
+        columns: sensitivity columns, None for the residual alone
         smooth: True to include the smoothed walks
         """
         noises = list_process_noise(self.state, self.weights.wheel_walks)
@@ -190,12 +191,12 @@ class Evaluation:
 
     @cached_property
     def residuals(self) -> Mapping[str, Residual]:
-        """Return the residual of each node beside the full model, including effects on scatter."""
+        """Return the residual of each node against the full model, including effects on scatter."""
         return {name: self._with_scatter(one) for name, one in self.mean_residuals.items()}
 
     @property
     def mean_residuals(self) -> Mapping[str, Residual]:
-        """Return the residual of each node beside the predicted mean, ignoring effects on scatter."""
+        """Return the residual of each node against the predicted mean, ignoring effects on scatter."""
         return self._residuals_and_input_noise[0]
 
     @property

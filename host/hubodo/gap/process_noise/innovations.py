@@ -28,7 +28,7 @@ from hubodo.gap.process_noise.window_sums import (
 class Innovations:
     """Sums of products of the innovations of residual and columns.
 
-    grams: (P+1, P+1) for each `block` windows; the last row and column belong to the residual
+    grams: (P+1, P+1) for each block of windows; the last row and column belong to the residual
     log_determinant: ln det of the innovation covariance; -½ (last element + log_determinant) is the
         log-likelihood
     raw_squares: (P+1,) squares of the columns before the bounded walks were filtered out, with the squares of
@@ -64,8 +64,8 @@ def filter_innovations(
 ) -> Innovations:
     """Filter the walks out of residuals and columns and return the innovations.
 
-    segments: for each segment of time an iterable of the nodes' data; whole blocks except in the last. Each
-        is requested after the previous one was summed, so that not all are in memory
+    segments: for each segment of time an iterable of the nodes' data; whole blocks except in the last. A
+        segment is requested after the previous one was summed, so that only one is in memory
     tracked: (C, K) values of the walks about which residual and columns were computed
     n_columns: P, columns in total
     window: s
@@ -122,13 +122,13 @@ def _segment_grams(
         cross[:, indices, node.column_indices] += sums.cross
         noise_gram[:, indices, node.noise_indices] += sums.noise_gram
         grams[:, node.column_indices[:, None], node.column_indices] += sums.column_grams
-    # The residual was computed about the tracked value: its steps count as steps of the walk.
+    # The residual was computed about the tracked value, so steps of that value count as steps of the walk.
     shift[:, :, -1] += tracked_steps.T
     return grams - walk_filter.update(cross, noise_gram, shift, block)
 
 
 class _WalkFilter:
-    """A Kalman filter of the walks, (C, P+1), for all columns and the residual together."""
+    """Kalman filter of the walks, (C, P+1), for all columns and the residual together."""
 
     def __init__(
         self,

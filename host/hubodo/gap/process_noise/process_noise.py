@@ -20,10 +20,10 @@ from hubodo.gap.process_noise.window_sums import RandomWalk
 from hubodo.gap.state.state import State
 from hubodo.vehicle import facing_sign, side_sign
 
-# s in which a repeatedly corrected clock drifts by clock_sigma.
+# s, time in which a repeatedly corrected clock drifts by clock_sigma.
 _CLOCK_WALK_TIME = 10.0
 
-# m/s; over a shorter distance a bank cannot be distinguished from a bias.
+# m/s, lower bound of the mean speed; a vehicle that hardly moves cannot distinguish a bank from a bias.
 _MIN_MEAN_SPEED = 0.1
 
 # Largest correlation between the steps of two wheels: no two roll identically, and a nearly singular
@@ -47,7 +47,7 @@ NoiseSource = Literal[
 
 @dataclass(frozen=True)
 class ProcessNoise:
-    """One source of process noise; node: its name, "" if the source acts on all nodes."""
+    """One source of process noise; node: name of the node on which it acts, "" for all nodes."""
 
     walk: RandomWalk
     source: NoiseSource
@@ -118,7 +118,7 @@ def compute_noise_columns(
 
 
 def _list_bank_walks(state: State) -> Iterator[RandomWalk]:
-    """Yield the process of a banked road, once for the vehicle; its length is passed at the mean speed."""
+    """Yield the process of a banked road, once for the vehicle; the mean speed converts length to time."""
     effects = state.effects[state.problem.nodes[0].name].values()
     for sigma, length in (effect.bank_process() for effect in effects):
         if sigma > 0.0:
@@ -142,7 +142,7 @@ def bank_column(state: State, node: NodeData) -> Array:
 
 
 def stamp_delay_walk(problem: Problem) -> RandomWalk:
-    """Return the random walk of a stamp delay: clock_sigma at first, then a slow drift of that size."""
+    """Return the random walk of a stamp delay: clock_sigma at the start, then a slow drift."""
     variance = problem.model.inputs.clock_sigma**2
     return RandomWalk(variance / _CLOCK_WALK_TIME, variance)
 

@@ -26,8 +26,8 @@ class Residual:
     sensor_sigma: (6, 1), declared 1 sigma of the sensors
     noise: estimated noise of the channels
     input_sigma: declared 1 sigma due to the inputs
-    input_variance: (6,) of a window's mean due to noise of the inputs
-    effects: of the node
+    input_variance: (6,) variance of a window's mean due to noise of the inputs
+    effects: effects of the node
     """
 
     node: NodeData

@@ -23,7 +23,7 @@ class Segment:
     """Consecutive windows of a log, in whole blocks except in the last segment.
 
     window_starts: (K,) s
-    samples: those of each node, at least one
+    samples: for each node its samples in the segment, at least one
     edges: for each node (K + 1,), its first sample in each window and the end, counted within the segment
     """
 

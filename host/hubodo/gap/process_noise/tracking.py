@@ -19,7 +19,7 @@ from hubodo.gap.process_noise.weights import (
 from hubodo.gap.process_noise.wheel_phase import estimate_phases, interpolate_phases, smooth_phases
 from hubodo.gap.state.state import State
 
-# Tracking about the first estimate is more accurate; a third pass changes nothing.
+# A second pass about the first estimate is more accurate; a third would change nothing.
 _TRACKING_PASSES = 2
 
 

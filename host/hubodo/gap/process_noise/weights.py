@@ -20,7 +20,7 @@ _MIN_WHEEL_WALK = 1e-10
 class Weights:
     """Weights of residuals.
 
-    noise: of the channels of each node
+    noise: noise of the channels of each node
     wheel_walks: rad²/s, intensity of the random walk of each wheel's angle
     """
 

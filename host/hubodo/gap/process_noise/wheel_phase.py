@@ -20,7 +20,7 @@ WINDOW_DURATION = 0.5
 _MAX_UNWRAP_VARIANCE = 0.05
 # ln likelihood by which another walk has to beat the declared one.
 _MIN_WALK_GAIN = 4.0
-# Size of a normalised trend beside the others, below which it is one of them.
+# Singular value of the normalised trends below which they count as linearly dependent.
 _MIN_TREND_SIZE = 0.01
 
 
@@ -50,7 +50,7 @@ def window_boundaries(t: Array, width: float = WINDOW_DURATION) -> NDArray[np.in
 def estimate_phases(
     node: NodeData, reading: NodeReading, phase_offset: Array | None, accel_sigma: float
 ) -> WindowPhases:
-    """Estimate by how much the wheel is ahead of the model's angle in each window.
+    """Estimate the angle by which the wheel leads the model in each window.
 
     reading: predicted with `phase_offset`, (N,) rad, added to the wheel angle
     accel_sigma: m/s²
@@ -110,9 +110,9 @@ def smooth_phases(phases: WindowPhases, walk: float, is_steady: bool = False) ->
     """Return the smoothed phase offset, (K,) rad, and the intensity of its walk, rad²/s.
 
     The intensity is the most likely one, at least `walk`.
-    is_steady: True if what a wrong radius, bias or track width adds to the phase, a trend with the wheel's
-        angle, time and heading, is no part of the walk. It stays in the smoothed offset, where an effect that
-        explains it gains.
+    is_steady: True to separate trends of the phase with wheel angle, time and heading, which a wrong radius,
+        bias or track width causes, from the walk. They remain in the smoothed offset, where an effect that
+        explains them gains.
     """
     steps = np.diff(phases.t)
     trends = _trends(phases) if is_steady else None

@@ -14,7 +14,7 @@ from hubodo.arrays import Array
 # Residuals are limited to the larger of this many sigma and this many times the median of their channel.
 _MIN_WINSOR_SIGMA, _WINSOR_MEDIANS = 6.0, 8.0
 FREE_WALK_VARIANCE = 1e2
-# Share of a column's squares that stays in `raw_squares` when a free walk absorbs all of it but rounding.
+# Share of a column's squares that remains in `raw_squares` when a free walk absorbs all of it up to rounding.
 _RAW_SQUARES_SHARE = 1e-6
 # Numbers of one node processed together, which fit into the processor's cache.
 _CHUNK_NUMBERS = 1 << 18
@@ -90,8 +90,8 @@ class WindowProducts:
 class WindowSums:
     """Summed products of one node, segment by segment, in units of the noise.
 
-    noise_indices: (C,) positions of the walks that act on it
-    free_walks: those of these whose start is free
+    noise_indices: (C,) positions of the walks that act on the node
+    free_walks: those of these walks whose start is free
     column_indices: (P+1,) positions of its columns and the residual among all
     raw_squares: (P+1,) as in `Innovations`
     """
@@ -111,7 +111,7 @@ class WindowSums:
         ]
         self.raw_squares = np.zeros(count)
         self._growth = np.array([walks[segment.noise_indices[k]].intensity * window for k in self.free_walks])
-        # Free walks at the end of the last window.
+        # Values of the free walks at the end of the last window.
         self._stripped = np.zeros((len(self.free_walks), count - 1))
         self._block, self._begun = block, False
 

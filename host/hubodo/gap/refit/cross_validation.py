@@ -10,8 +10,8 @@ from hubodo.arrays import Array
 from hubodo.gap.linear.linearisation import invert_information
 from hubodo.gap.refit.prior import CoordinatePrior
 
-# Folds of consecutive blocks: each longer than the correlation of roads and manoeuvres, some ten seconds, and
-# as many as a log of two minutes has of them.
+# Blocks per fold, so that a fold is longer than the correlation of roads and manoeuvres, some ten seconds;
+# smallest and largest number of folds, the latter that of a log of two minutes.
 _BLOCKS_PER_FOLD, _MIN_FOLDS, _MAX_FOLDS = 3, 4, 12
 
 
@@ -19,8 +19,8 @@ _BLOCKS_PER_FOLD, _MIN_FOLDS, _MAX_FOLDS = 3, 4, 12
 class FoldDeviances:
     """Deviances of F folds of time.
 
-    held_out: (F,), of each fold under the fit to all other folds
-    own: (F,), of each fold under the fit to all folds
+    held_out: (F,) deviance of each fold under the fit to all other folds
+    own: (F,) deviance of each fold under the fit to all folds
     samples: (F,) readings in each fold
     """
 
@@ -33,7 +33,7 @@ class FoldDeviances:
         """Return 1 sigma of the total deviance due to noise whose level differs from fold to fold.
 
         In white noise of the assumed level a fold of n samples scatters by √(2 n); twice that variance is
-        left to chance. What exceeds it is road, engine and manoeuvres that no model describes.
+        left to chance. The excess is attributed to road, engine and manoeuvres that no model describes.
         """
         count = len(self.samples)
         level = float(self.own.sum() / max(self.samples.sum(), 1.0))
@@ -94,8 +94,8 @@ def _fit_step(gram: Array, raw_squares: Array, prior: CoordinatePrior) -> Array:
 def compute_held_out_gain(before: FoldDeviances, after: FoldDeviances) -> HeldOutGain:
     """Return the gain of one fit over another, from their deviances of the same folds.
 
-    A fold whose fit without it is far off would dominate: no fold counts more than twice its own gain. A true
-    effect gains about the same share of each fold's own gain, however unevenly a drive shows it.
+    A fold that is badly predicted by the others would dominate, so no fold counts more than twice its own
+    gain. A true effect gains about the same share of each fold's own gain, however unevenly a drive shows it.
     """
     own = 0.5 * (before.own - after.own)
     held_out = np.minimum(0.5 * (before.held_out - after.held_out), 2.0 * np.maximum(own, 0.0))

@@ -1,4 +1,4 @@
-"""Prior of the coordinates of a fit: sizes that sensors, mountings and vehicles usually have."""
+"""Prior of the coordinates of a fit, from the usual sizes of effects of sensors, mountings and vehicles."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ class CoordinatePrior:
 
     information: (K,), diagonal of the inverse covariance, times the tempering
     value: (K,) current coordinates in scales
-    tempering: by which correlated residuals exaggerate the information of the log, and so that of the prior
+    tempering: factor by which correlated residuals exaggerate the information of the log; the prior is scaled
+        alike
     """
 
     information: Array
@@ -38,7 +39,7 @@ class CoordinatePrior:
         return self.information * self.value
 
     def freeze(self, selected: NDArray[np.bool_]) -> CoordinatePrior:
-        """Return a prior that keeps some coordinates, (K,), where they are."""
+        """Return a prior that freezes the selected coordinates, (K,), at their values."""
         information = np.where(selected, _FROZEN_INFORMATION, self.information)
         return replace(self, information=information, value=np.where(selected, 0.0, self.value))
 

@@ -14,19 +14,20 @@ from hubodo.gap.process_noise.residual import compute_gap
 from hubodo.gap.refit.refit import Refit, refit
 from hubodo.gap.state.terms import ModelTerm, terms_of_model
 
-# Total loss in ln likelihood that pruning may cost, in sigma of noise whose level differs between stretches.
+# Total loss in ln likelihood that pruning may cost, in sigma due to a noise level that varies along the
+# drive.
 _MAX_LOSS_LEVEL_SIGMAS = 0.3
-# Ratio of the gap after pruning to that before it, at most.
+# Largest ratio of the gap after pruning to that before it.
 _MAX_GAP_RATIO = 1.01
 
 
 def prune_coordinates(fit: Refit) -> Refit:
     """Return the fit with undetermined coordinates at zero, or as in the model file, all others fitted again.
 
-    An effect of several parameters, such as a lever arm, often shows in some of them only. The others follow
-    what no effect describes, such as the road, and would be wrong on the next drive. In white noise nothing
-    is pruned. First go coordinates at their plausible limit, then those that cost least (backward
-    elimination).
+    Of an effect with several parameters, such as a lever arm, a log often determines only some. The others
+    fit irregularities of the road that no effect describes, and would be wrong on the next drive. In white
+    noise nothing is pruned. Coordinates at their plausible limit are removed first, then those that cost
+    least (backward elimination).
     """
     budget = _max_loss(fit, fit.tempering)
     if budget <= 0.0:
@@ -44,9 +45,9 @@ def prune_coordinates(fit: Refit) -> Refit:
 
 
 def count_determined(fit: Refit, term: ModelTerm, tempering: float) -> tuple[int, float]:
-    """Return how many coordinates of a free term would not be pruned, and the loss of pruning the others.
+    """Return the number of coordinates that pruning would leave of a free term, and its loss.
 
-    tempering: by which correlated residuals exaggerate likelihoods
+    tempering: factor by which correlated residuals exaggerate likelihoods
     """
     candidates, at_limit = _list_candidates(fit, [term])
     budget = _max_loss(fit, tempering)
@@ -55,7 +56,7 @@ def count_determined(fit: Refit, term: ModelTerm, tempering: float) -> tuple[int
 
 
 def _max_loss(fit: Refit, tempering: float) -> float:
-    """Return the loss in ln likelihood that pruning may cost."""
+    """Return the largest loss in ln likelihood that pruning may cost."""
     return 0.5 * _MAX_LOSS_LEVEL_SIGMAS * fit.fold_deviances.level_scatter * (1.0 - 1.0 / tempering)
 
 
@@ -64,7 +65,7 @@ def _eliminate(
 ) -> tuple[list[int], float]:
     """Return the coordinates that cost least, up to a budget, and their total loss (backward elimination).
 
-    candidates: indices of the coordinates that may go; those in `at_limit` go first, at no cost
+    candidates: indices of the coordinates that may be pruned; those in `at_limit` are first, at no cost
     covariance: (K, K), and value: (K,), of all coordinates
     """
     remaining, pruned, total = list(candidates), list[int](), 0.0

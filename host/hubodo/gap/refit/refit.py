@@ -23,8 +23,8 @@ from hubodo.model.forward import NodeInitialState
 _MAX_ITERATIONS = 6
 # Largest step of a coordinate in scales; the model is not linear beyond that.
 MAX_STEP_SCALES = 8.0
-# Step in sigma and increase of the deviance that count as none, both relative to the scatter of the block
-# scores: a log that no model fits is not fitted to the last nat.
+# Step in sigma and increase of the deviance below which a fit has converged, both relative to the scatter of
+# the block scores: a log that no model fits is not fitted to the last nat.
 _CONVERGED_SIGMAS, _DEVIANCE_TOLERANCE = 0.2, 3.0
 # Fractions of a step to try; share of the promised gain from which on one is accepted.
 _STEP_FRACTIONS = (1.0, 0.3, 0.1)
@@ -49,10 +49,10 @@ class Refit:
     robust_covariance: (K, K), from the scatter of the block scores
     deviance: -2 ln likelihood, up to a constant common to all refits with the same weights
     block_scores: (B, K), score of each block
-    full_covariance: of coordinates and nuisances
-    gram: information about coordinates and nuisances, and the row of the residual
-    fold_deviances: of folds of time, for held-out gains
-    prior: pseudo-observations of the coordinates, of their usual size
+    full_covariance: covariance of coordinates and nuisances
+    gram: gram matrix of coordinates, nuisances and, in the last row, the residual
+    fold_deviances: deviances of folds of time, for held-out gains
+    prior: Gaussian prior of the coordinates, from their usual sizes
     """
 
     evaluation: Evaluation
@@ -135,7 +135,7 @@ def compute_gain(before: Refit, after: Refit) -> float:
 
 
 def refit(evaluation: Evaluation, rounds: int = _MAX_ITERATIONS) -> Refit:
-    """Fit all terms with `is_fitted`, starting with newly tracked wheels; the weights stay."""
+    """Fit all terms with `is_fitted`, starting with newly tracked wheels; the weights are not changed."""
     return fit_tracked(evaluation.with_state(track_wheel_phase(evaluation.state)[0]), rounds)
 
 
@@ -179,7 +179,7 @@ def _step_sigmas(fit: Refit) -> float:
 def refit_with_weights(state: State) -> Refit:
     """Fit and re-estimate the weights until both are consistent.
 
-    An explained rotation of a wheel reduces the walk that the wheel needs.
+    An effect that explains a wheel's rotation reduces the random walk that the wheel needs.
     """
     tracked, _walks = track_wheel_phase(state)
     fit = fit_tracked(Evaluation(tracked, estimate_weights(tracked)))
@@ -196,8 +196,8 @@ def begin_fit(
 ) -> Refit:
     """Linearise a fit at one evaluation, before any step.
 
-    linearisation: if already computed, along the terms of the fit and possibly more
-    tempering: of the prior; None to take that of this fit
+    linearisation: linearisation along at least the terms of the fit, if already computed
+    tempering: tempering of the prior; None to use that of this fit
     """
     free_terms = [term for term in evaluation.state.terms if term.is_refittable]
     directions, basis = directions_of_terms(evaluation.problem, free_terms, evaluation.state.terms)

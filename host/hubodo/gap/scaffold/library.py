@@ -1,4 +1,4 @@
-"""Library of expressions for new effects: what they depend on, and what they act on."""
+"""Library of expressions for new effects: dependences, and the quantities on which they act."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ HELPERS_WITH_MEMORY = ("temperature_rate",)
 class ShapeParameter:
     """A parameter of a shape other than an amplitude, such as a frequency.
 
-    scale: its usual error
-    fitted: False if it stays at its value
+    scale: usual error of the parameter
+    fitted: False if its value is fixed
     """
 
     name: str
@@ -34,10 +34,10 @@ class ShapeParameter:
 
 @dataclass(frozen=True)
 class Shape:
-    """A dependence: a weight times each of its waves, as expressions over `chain` and `self`.
+    """A dependence as Python expressions over `chain` and `self`: a common weight times several waves.
 
-    weight_unit: "" for none
-    amplitudes: suffix of the name of each amplitude, and its wave
+    weight_unit: unit of the weight; "" if it has none
+    amplitudes: suffix of the name of each amplitude, and the expression of its wave
     is_shareable: True if all nodes may have the same amplitudes
     """
 
@@ -63,7 +63,7 @@ class Shape:
 
     @property
     def needs_wheel(self) -> bool:
-        """Return True if only a node on a wheel can have it."""
+        """Return True if only a node on a wheel can have this dependence."""
         text = " ".join([self.weight, *(wave for _, wave in self.amplitudes)])
         return "chain.angle" in text or "chain.spin" in text
 
@@ -78,7 +78,7 @@ class Target:
     """A quantity that a term acts on.
 
     rows: indices of the six channels, and their factors
-    unit: of an amplitude
+    unit: unit of an amplitude
     is_mirrored: True if its sign flips on a node facing right
     needs_wheel: True if it exists only for a node on a wheel
     """
@@ -156,7 +156,7 @@ _HARMONIC_WORDS = ("once", "twice", "three times", "four times", "five times", "
 
 
 def list_shapes() -> Iterator[Shape]:
-    """Yield all shapes without parameters to search for."""
+    """Yield all shapes that have no parameters other than amplitudes."""
     for weight, (per, words) in _SHAPE_WEIGHTS.items():
         yield Shape(weight, per, _CONSTANT_WAVE, words)
     yield Shape(
@@ -165,7 +165,7 @@ def list_shapes() -> Iterator[Shape]:
     for count, often in enumerate(_HARMONIC_WORDS, 1):
         angle = "chain.angle" if count == 1 else f"{count}.0 * chain.angle"
         for weight, (per, words) in _HARMONIC_WEIGHTS.items():
-            # Initial angles differ between wheels, so that amplitudes cannot be shared.
+            # Initial angles differ between wheels, so wheels cannot share amplitudes.
             yield Shape(
                 weight, per, cosine_and_sine(angle), f"{often} per revolution{words}", is_shareable=False
             )

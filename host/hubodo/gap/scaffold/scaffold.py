@@ -23,17 +23,18 @@ from hubodo.gap.scaffold.source import Observation, Summand, compile_effect, ren
 from hubodo.gap.state.state import State
 from hubodo.gap.state.terms import ModelTerm
 
-# Summands at most; dependences fitted for each; ln Bayes factor required of the first and of each other one.
+# Largest number of summands; dependences fitted for each; ln Bayes factor required of the first and of each
+# further summand.
 _MAX_SUMMANDS, _MAX_FITTED, _MIN_FIRST_EVIDENCE, _MIN_FURTHER_EVIDENCE = 3, 8, 10.0, 20.0
 # Sigmas from which on a parameter is significant.
 _CLEAR_SIGMAS = 3.0
-# Existing effects that may imitate it, and dependences tried instead of each.
+# Number of existing effects that may imitate the new one, and of dependences tried instead of each.
 _MAX_REPLACEABLE, _MAX_INSTEAD = 3, 4
 
 
 @dataclass(frozen=True)
 class _Attempt:
-    """A class with these summands, fitted; `evidence`: relative to the previous attempt."""
+    """A fitted class with given summands; `evidence`: ln Bayes factor against the previous attempt."""
 
     summands: tuple[Summand, ...]
     term: ModelTerm
@@ -125,9 +126,9 @@ def _add_summand(initial_fit: Refit, best: _Attempt | None, name: str) -> _Attem
 
 
 def _list_promising(evaluation: Evaluation, scope: str | None) -> list[Dependence]:
-    """Return dependences to fit, beside the model and instead of each of its effects.
+    """Return dependences to fit, in addition to the model and instead of each of its effects.
 
-    scope: that they must have, if given
+    scope: scope of the dependences; None for any
     """
     listed = [term for term in evaluation.state.terms if term.is_refittable and term.effect.name in BY_NAME]
     dependences = _drop_duplicates(scan_dependences(evaluation), scope, _MAX_FITTED)
@@ -139,7 +140,7 @@ def _list_promising(evaluation: Evaluation, scope: str | None) -> list[Dependenc
 
 
 def _drop_duplicates(dependences: Sequence[Dependence], scope: str | None, maximum: int) -> list[Dependence]:
-    """Return the best of each shape on each kind of target."""
+    """Return the best dependence for each shape and kind of target."""
     best_by_kind: dict[tuple[str, ...], Dependence] = {}
     for dependence in dependences:
         key = (

@@ -30,7 +30,7 @@ from hubodo.gap.scaffold.library import (
 from hubodo.gap.screen.unnamed_terms import block_edges, build_chain, refine_frequency
 from hubodo.gap.state.terms import ALL
 
-# Hz; slower tones may be the drive itself.
+# Hz, lowest frequency of a tone; slower ones may be the drive itself.
 _MIN_SCAN_TONE_HZ = 0.2
 # Samples at either end without a step; sectors of a revolution; widths of a bump, rad.
 _STEP_MARGIN_SAMPLES, _BUMP_SECTORS, _BUMP_WIDTHS = 50, 180, (0.08, 0.16, 0.32)
@@ -39,7 +39,7 @@ _TRIAD_CHANNELS = (("gx", "gy", "gz"), ("ax", "ay", "az"))
 
 @dataclass(frozen=True)
 class Dependence:
-    """A shape on some targets.
+    """A shape applied to some targets, with its evidence.
 
     scope: name of a node, or `all`
     evidence: gain of ln likelihood minus its cost
@@ -67,7 +67,7 @@ class _TargetData:
 
 
 def scan_dependences(evaluation: Evaluation) -> list[Dependence]:
-    """Return all dependences with positive evidence, the best first."""
+    """Scan all dependences and return those with positive evidence, the best first."""
     target_data = [data for name in evaluation.mean_residuals for data in _list_target_data(evaluation, name)]
     nodes = {data.node.name for data in target_data}
     dependences: list[Dependence] = []
@@ -166,7 +166,7 @@ def _gain(score: Array, information: Array) -> float:
 
 
 def _description_cost(shape: Shape, data: _TargetData) -> float:
-    """Return the cost of amplitudes and parameters, and of the search."""
+    """Return the Occam penalty for amplitudes, parameters and the number of dependences tried."""
     n_free = len(shape.amplitudes) + len(shape.parameters)
     return 0.5 * n_free * log(len(data.node.t) / 4.0) + 5.0
 
@@ -211,7 +211,7 @@ def _find_step(data: _TargetData) -> tuple[float, float]:
 
 
 def _find_bump(data: _TargetData, weight: str) -> Shape:
-    """Return the best bump: scores and information per sector, smoothed with each width."""
+    """Return the best bump, from scores and information per sector of a turn, for each width."""
     factor = np.broadcast_to(eval(weight, {"chain": data.chain}), data.node.t.shape)
     sector = (np.asarray(data.chain.angle) % (2.0 * np.pi) / (2.0 * np.pi) * _BUMP_SECTORS).astype(
         int

@@ -25,7 +25,7 @@ _USUAL_SCALES = {"rad/s": 0.01, "m/s²": 0.1, "s": 0.01}
 
 @dataclass(frozen=True)
 class Summand:
-    """A shape on some targets."""
+    """A summand of an effect: a shape applied to some targets."""
 
     shape: Shape
     targets: tuple[Target, ...]
@@ -35,9 +35,9 @@ class Summand:
 class Observation:
     """The observation of an effect in a log.
 
-    where: channels and regimes, in words
+    where: channels and regimes that show the effect, as text
     values: text of each parameter with its sigma
-    usual_sizes: of each parameter
+    usual_sizes: usual size of each parameter
     """
 
     log: Path
@@ -86,7 +86,7 @@ def class_name(name: str) -> str:
 
 
 def compile_effect(name: str, summands: Sequence[Summand]) -> type[Effect]:
-    """Return the class that the file would define."""
+    """Return the class that the file of the effect would define."""
     return run_effects(render_source(name, summands), Path(f"{name}.py"))[0]
 
 
@@ -106,11 +106,11 @@ class _NamedSummand:
 
     @property
     def on_wheel(self) -> bool:
-        """Return True if it exists only for a node on a wheel."""
+        """Return True if the summand exists only for a node on a wheel."""
         return self.shape.needs_wheel or any(target.needs_wheel for target in self.targets)
 
     def text(self, expression: str) -> str:
-        """Return an expression with this class's names of the parameters."""
+        """Return an expression with the names that the parameters have in this class."""
         for place in self.shape.parameters:
             expression = re.sub(rf"self\.{place.name}\b", f"self.{place.name}{self._end}", expression)
         return expression
@@ -123,7 +123,7 @@ class _NamedSummand:
         return f"{weight} * {total if ' + ' not in total else f'({total})'}"
 
     def factors(self, target: Target) -> tuple[str, str]:
-        """Return weight and sum of waves separately."""
+        """Return the expressions of the weight and of the sum of waves."""
         parts = []
         for parameter, wave in self.amplitudes[target.name]:
             wave = self.text(wave)

@@ -1,4 +1,4 @@
-"""Effects visible in scatter, steps and limits rather than in the mean, each with its own likelihood."""
+"""Effects visible in scatter, resolution or saturation, not in the mean, each with its own likelihood."""
 
 from hubodo.gap.scatter.base import Proposal, ScatterDetector
 from hubodo.gap.scatter.limits import detect_limits

@@ -20,8 +20,8 @@ class Proposal:
 
     gain: of the log-likelihood
     evidence: ln Bayes factor
-    sigmas: 1 sigma of its parameters
-    where: the observation, in words
+    sigmas: 1 sigma of the parameters of the effect
+    where: the observation as text
     """
 
     term: ModelTerm
@@ -41,7 +41,7 @@ def parameter_cost(samples: float) -> float:
 
 
 def group_by_scope(residuals: Sequence[Residual]) -> list[tuple[str, list[Residual]]]:
-    """Return the scopes: each node, and all of them together if there are several."""
+    """Return the residuals by scope: each node alone, and all nodes together if there are several."""
     groups = [(one.node.name, [one]) for one in residuals]
     return [*groups, (ALL, list(residuals))] if len(residuals) > 1 else groups
 

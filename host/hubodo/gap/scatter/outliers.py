@@ -23,15 +23,15 @@ _MIN_SPIKE_GAIN = 15.0
 # Evidence deducted because sensor noise is never exactly Gaussian.
 _NON_GAUSSIAN_PENALTY = 2.0
 _OUTLYING_SIGMA, _MIN_UNIFORM_P_VALUE = 5.0, 1e-5
-# Share of the outliers that may come close together: bursts of bumps, of which a road has its own.
+# Largest share of the outliers that may come close together; bumps of a road come in bursts.
 _MAX_CLOSE_SHARE = 0.12
 
 
 @dataclass(frozen=True)
 class _Channel:
-    """Fresh readings of one channel in use.
+    """New readings of one channel in use; repeated samples are left out.
 
-    row: of the channel
+    row: index of the channel
     z: (n,) readings relative to their neighbours, in sigma
     sigma: their 1 sigma, in units of the channel's estimated noise
     """
@@ -45,8 +45,8 @@ class _Channel:
 class _NodeOutliers:
     """Outlier statistics of one node.
 
-    gain_tables: of each channel
-    count: of readings
+    gain_tables: gain of ln likelihood of each channel, by outlier share and sigma
+    count: number of readings
     is_random: True if outliers come at random times and channels
     """
 
@@ -109,7 +109,7 @@ def _examine_node(residual: Residual) -> _NodeOutliers:
 
 
 def _standardise_channels(residual: Residual) -> list[_Channel]:
-    """Return each channel in use relative to the median of its neighbours, which removes bursts of misfit."""
+    """Return each channel in use less the median of neighbouring samples, which removes bursts of misfit."""
     result = []
     for row in np.flatnonzero(residual.node.used).tolist():
         is_used = residual.noise.is_new & ~residual.node.is_saturated[row]
@@ -132,7 +132,7 @@ def _are_uniform(channels: Sequence[_Channel]) -> bool:
 
 
 def _are_isolated(channels: Sequence[_Channel]) -> bool:
-    """Return True if outliers come one by one: hardly more of them close together than expected by chance."""
+    """Return True if outliers come one by one, hardly more of them close together than expected by chance."""
     close, hits, total = 0, 0, 0
     for one in channels:
         is_outlier = np.abs(one.z) > 4.5
@@ -148,7 +148,7 @@ def _gain_table(residual: Residual, one: _Channel) -> Array:
     counts, _ = np.histogram(np.minimum(np.abs(one.z), 399.0), edges)
     middle = 0.5 * (edges[1:] + edges[:-1])
     counts, middle = counts[counts > 0], middle[counts > 0]
-    # Noise alone, with a free scale.
+    # Likelihood of the noise alone, with a free scale.
     scales = np.linspace(0.9, 1.3, 21)[:, None]
     noise_only = float(np.max(np.sum(counts * (-0.5 * (middle / scales) ** 2 - np.log(scales)), axis=1)))
     # Differences include the neighbours' noise, and noise may differ from the declared one.

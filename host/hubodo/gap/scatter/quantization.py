@@ -17,7 +17,7 @@ _MAX_EXCESS_RATIO = 10.0
 
 
 def detect_quantization(residuals: Sequence[Residual]) -> list[Proposal]:
-    """Detect quantization: the step is read off the lattice, the gain is that of the added variance."""
+    """Detect quantization: the step is that of the lattice, the gain that of the added variance."""
     steps = {
         residual.node.name: find_lattice_step(residual)
         for residual in residuals
@@ -51,7 +51,7 @@ def find_lattice_step(residual: Residual) -> float:
             continue
         gaps = np.diff(values)
         step = float(np.median(gaps[gaps <= 1.5 * gaps[gaps > 1e-8].min(initial=np.inf)]))
-        # Refined by least squares, dominated by large readings, where an error of the step is largest.
+        # Refine by least squares; large readings dominate, where an error of the step is largest.
         for _ in range(3):
             multiples = np.round(values / step)
             step = float(values @ multiples) / max(float(multiples @ multiples), 1.0)
@@ -81,7 +81,7 @@ def _rounding_gain(residual: Residual, step: float) -> float:
             return 0.0
         rounded = declared + step**2 / 12.0
         squared = residual.value[row][is_used] ** 2
-        # Outliers are a different effect.
+        # Outliers are left out, as they are a different effect.
         is_regular = squared < 16.0 * rounded
         total += 0.5 * float(
             np.sum((squared / declared - squared / rounded - np.log(rounded / declared))[is_regular])

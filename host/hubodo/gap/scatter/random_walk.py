@@ -125,7 +125,7 @@ def _is_random_walk(residual: Residual, k: float) -> bool:
 def _step_evidence(residual: Residual) -> float:
     """Return the evidence, in nats, of one common step of all gyro axes at the best time, without a walk.
 
-    The time is one of all windows; the amplitude of each axis is penalised as in BIC.
+    The number of possible times is penalised, and the amplitude of each axis as in BIC.
     """
     gains, count = np.zeros(1), 0
     for mean, variance, _ in _window_means(residual):
@@ -140,7 +140,7 @@ def _step_evidence(residual: Residual) -> float:
 def _refine_peak(curve: Array, grid: Array) -> tuple[float, float]:
     """Return k at the vertex of the parabola through the best three grid points, and its 1 sigma.
 
-    grid: of equal steps in ln k
+    grid: values of k, with equal steps in ln k
     """
     best = min(max(int(np.argmax(curve)), 1), len(grid) - 2)
     low, middle, high = curve[best - 1 : best + 2]

@@ -16,7 +16,7 @@ EFFECT_NAME = "sample_repeat"
 
 
 def detect_repeats(residuals: Sequence[Residual]) -> list[Proposal]:
-    """Detect repeats: their number against the number expected from rounding (Poisson)."""
+    """Detect repeats by comparing their number with that expected from rounding (Poisson)."""
     proposals = []
     for scope, members in group_by_scope(
         [residual for residual in residuals if BY_NAME[EFFECT_NAME] not in residual.effects]

@@ -19,7 +19,7 @@ from hubodo.gap.state.terms import VEHICLE, ModelTerm
 from hubodo.vehicle import facing_sign
 
 EFFECT_NAME = "road_bank"
-# rad and m: from 0.02° to 8°; from the length of a ramp to that of a hill.
+# Grids of sigma, rad, from 0.02° to 8°, and of the length, m, from a ramp to a hill.
 _SIGMAS, _LENGTHS = np.geomspace(3e-4, 0.15, 19), np.geomspace(5.0, 500.0, 9)
 # Gain of ln likelihood; less is not worth a refit.
 _MIN_BANK_GAIN = 10.0
@@ -43,7 +43,7 @@ def detect_road_bank(residuals: Sequence[Residual]) -> list[Proposal]:
     if gain < _MIN_BANK_GAIN:
         return []
     sigma, length = float(_SIGMAS[best_sigma]), float(_LENGTHS[best_length])
-    # A process of this length passes its mean so often; each passage tells its size once.
+    # The process crosses its mean about this often; each crossing is one independent observation of its size.
     n_independent = max(len(bank) * WINDOW_DURATION * speed / (2.0 * length), 1.0)
     sigmas = {"sigma": sigma / math.sqrt(2.0 * n_independent), "length": length / math.sqrt(n_independent)}
     largest = int(np.argmax(np.abs(bank) * (variance < np.median(variance) * 4.0)))

@@ -16,7 +16,7 @@ from hubodo.gap.state.terms import ALL, VEHICLE, ModelTerm, list_scopes
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect that may be missing or wrong, at its starting values.
+    """An effect that may be missing or have a wrong value, at its starting values.
 
     basis: (D, k) of zeros and ones; direction d moves with coordinate k
     """

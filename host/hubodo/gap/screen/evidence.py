@@ -52,7 +52,7 @@ def compute_log_evidence(gain: float, value: Array, information: Array) -> float
         spread, axes = np.linalg.eigh(subset_information)
         spread = np.maximum(spread, 0.0)[:, None]
         projected = (axes.transpose(0, 2, 1) @ projected).transpose(0, 2, 1)
-        # (subsets, widths): gain that remains under a prior of that width, and its Occam factor.
+        # (subsets, widths) each: gain that remains under a prior of a width, and Occam factor.
         retained_gain = 0.5 * np.sum(projected**2 / (spread + PRIOR_WIDTHS[:, None] ** -2.0), axis=2)
         occam = 0.5 * np.sum(np.log1p(PRIOR_WIDTHS[:, None] ** 2 * spread), axis=2)
         terms += (

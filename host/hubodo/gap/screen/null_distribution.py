@@ -47,7 +47,7 @@ class NullDistribution:
     surprises: Array
 
     def p_value(self, gain: float, degrees_of_freedom: int) -> float:
-        """Return how often the best candidate gains as much by chance.
+        """Return the probability that the best of all candidates gains as much by chance.
 
         Beyond their median the surprises have an exponential tail (Gumbel 1958), which extrapolates beyond
         all draws.

@@ -37,8 +37,8 @@ class Screening:
     """Results of a screening.
 
     candidates: the best first
-    null_distribution: of the largest gain
-    linearisation: of all candidates
+    null_distribution: null distribution of the largest gain
+    linearisation: linearised model along all candidates
     """
 
     candidates: list[ScreenedCandidate]
@@ -47,7 +47,7 @@ class Screening:
 
 
 def screen_candidates(evaluation: Evaluation) -> Screening:
-    """Screen every candidate beside the terms of the current model."""
+    """Screen every candidate in addition to the terms of the current model."""
     free_terms = [term for term in evaluation.state.terms if term.is_refittable]
     directions = list_directions(evaluation.state)
     term_directions, basis = directions_of_terms(evaluation.problem, free_terms, evaluation.state.terms)

@@ -20,7 +20,7 @@ class SpeedError:
     """Error of the speed measured by one gyro.
 
     correction: (N,) m/s to be added to the measured speed
-    correction_per_rate: (N,) m, its change per rad/s that the gyro reads more
+    correction_per_rate: (N,) m, change of the correction per rad/s of gyro error
     """
 
     correction: Array
@@ -47,7 +47,7 @@ def compute_speed_error(
     radius = np.where(turning, contact / np.where(turning, rolling.spin, 1.0), nominal)
     error = (radius / nominal - 1.0) * contact - radius * gyro_error
     if not np.array_equal(body.t, node.t):
-        # The gyro measured at other times than its stamps say.
+        # The true sampling times of the gyro differ from its stamps.
         stamped = node.forward.inputs.at(node.t)
         error += stamped.speed - stamped.yaw_rate * y - contact
     return SpeedError(error + body.yaw_rate * y if is_only_source else error, -facing * radius)

@@ -168,14 +168,14 @@ def _group_by_spin(spin: Array) -> list[NDArray[np.intp]]:
 
 
 def _group_in_order(value: Array, max_groups: int) -> list[NDArray[np.intp]]:
-    """Return samples in order of a value, (N,), in groups of equal size."""
+    """Return groups of samples of equal size, in ascending order of a value, (N,)."""
     count = int(np.clip(len(value) // _MIN_GROUP_SAMPLES, 1, max_groups))
     order = np.argsort(value, kind="stable")
     return [np.sort(part) for part in np.array_split(order, count)]
 
 
 def _measure_roughness(node: NodeData, residual: Array, usable: NDArray[np.bool_]) -> Array | None:
-    """Return ln of the scatter about each sample, (N,), relative to the usual one; None if it hardly varies.
+    """Return ln of the scatter about each sample, (N,), relative to its mean; None if it hardly varies.
 
     The scatter is that of differences of neighbours within a second, of all channels together.
     """

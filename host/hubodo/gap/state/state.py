@@ -38,7 +38,8 @@ class State:
     phase_offsets: for each wheel node (N,) rad, the tracked wheel angle minus the angle integrated from the
         inputs
     stamp_delays: for each node (N,) s, the delay of its time stamps, if clocks are declared to differ
-    has_steady_wheels: True if a trend of a wheel's phase is an error of the model and no random walk
+    has_steady_wheels: True if a trend of a wheel's phase is treated as an error of the model, not as random
+        walk
     """
 
     problem: Problem
@@ -52,7 +53,7 @@ class State:
         return replace(self, terms=tuple(terms))
 
     def with_term(self, term: ModelTerm) -> State:
-        """Return a copy with one more term; it replaces a given one of the same effect and scope."""
+        """Return a copy with one more term; it replaces a model-file term of the same effect and scope."""
         return self.with_terms([*(other for other in self.terms if other.key != term.key), term])
 
     def without_terms(self, keys: Collection[tuple[str, str]]) -> State:
@@ -64,7 +65,7 @@ class State:
         return self.reset_with_terms([*(term for term in self.terms if term.key not in keys), *given])
 
     def reset_with_terms(self, terms: Sequence[ModelTerm]) -> State:
-        """Return a copy with other terms and untracked wheels and clocks.
+        """Return a copy with the given terms, and with wheels and clocks not yet tracked.
 
         Values tracked under the old terms may mislead.
         """
@@ -162,7 +163,7 @@ class State:
         return columns
 
     def drop_columns(self) -> None:
-        """Discard cached derivatives that are no longer needed, which are large for a long log."""
+        """Discard the cached phase derivatives, which are large for a long log."""
         for name in ("phase_columns", "delay_columns"):
             self.__dict__.pop(name, None)
 

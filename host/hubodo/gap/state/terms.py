@@ -21,7 +21,8 @@ class ModelTerm:
     scope: name of a node, `all` nodes, or the `vehicle`
     is_fitted: True if the search added it and later fits may change it; False if the model file gave it
     frozen: coordinates that a fit does not move
-    repeatability: 1 sigma, in usual sizes, by which a fit may change it; 0 for the prior of its usual size
+    repeatability: 1 sigma, in usual sizes, of the prior about the present value; 0 for a prior of the usual
+        size about zero
     """
 
     effect: Effect
@@ -48,7 +49,7 @@ class ModelTerm:
         return replace(self, effect=self.effect.with_coordinates(coordinates))
 
     def acts_on(self, node: NodeData) -> bool:
-        """Return True if it acts on that node."""
+        """Return True if the term acts on a node."""
         if self.effect.level == "wheel" and not node.on_wheel:
             return False
         return self.scope in (ALL, VEHICLE, node.name)
@@ -73,7 +74,7 @@ def model_of_terms(model: Model, terms: Iterable[ModelTerm]) -> Model:
 
 
 def effects_on_node(node: NodeData, terms: Iterable[ModelTerm]) -> dict[type[Effect], Effect]:
-    """Return the effects on a node in the order of the chain; its own replace those of all nodes."""
+    """Return the effects on a node in the order of the sensor chain; its own replace those of all nodes."""
     chosen: dict[type[Effect], Effect] = {}
     for term in sorted(terms, key=lambda term: term.scope not in (ALL, VEHICLE)):
         if term.acts_on(node):

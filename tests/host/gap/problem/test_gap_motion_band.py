@@ -33,7 +33,7 @@ def test_two_sensors_with_vibration_of_their_own_agree_up_to_the_end_of_the_moti
     left, right = (speed + vibration(rng, t, 0.003) for _ in range(2))
     band = estimate_motion_band(t, left, right)
     assert 1.0 < band < 10.0
-    assert estimate_motion_band(t, left, 3.0 * right) == band, "a factor of the witness does not matter"
+    assert estimate_motion_band(t, left, 3.0 * right) == band, "a factor of the second sensor does not matter"
 
 
 @pytest.mark.parametrize("seed", SEEDS)
