@@ -15,7 +15,7 @@ from hubodo.errors import InputError
 BoolArray = NDArray[np.bool_]
 Spans = Sequence[tuple[float, float]]
 
-# A stamp further than this from an integer number of intervals is not on the grid.
+# Distance, in intervals, from a grid point above which a stamp is not on the grid.
 _MAX_OFF_GRID_INTERVALS = 0.3
 # Where stamps come in bursts, a pause is a gap only if it exceeds this many mean intervals and this many
 # seconds.
@@ -138,7 +138,7 @@ def place_on_grid(t: Array, values: Array, *, reject_outliers: bool = True, excl
 
 
 def _check_record(t: Array, values: Array) -> None:
-    """Raise InputError for a record that cannot be placed on a grid."""
+    """Raise InputError if a record cannot be placed on a grid."""
     if len(t) < 16:
         raise InputError(
             f"{len(t)} samples are too few to characterise a sensor; record at least some minutes"
@@ -197,7 +197,7 @@ def _burst_indices(t: Array, steps: Array) -> tuple[float, NDArray[np.int64]]:
 
 
 def _find_outliers(values: Array) -> BoolArray:
-    """Return (N,) True for isolated samples far from the running median of their surroundings."""
+    """Return (N,) True for isolated samples far from their running median."""
     count = len(values)
     blocks = max(1, count // _OUTLIER_BLOCK_SAMPLES)
     size = count // blocks

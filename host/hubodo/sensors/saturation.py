@@ -16,7 +16,7 @@ _MIN_LEVELS = 5
 
 
 def saturated_value(values: Array) -> tuple[float, float] | None:
-    """Return the value at which samples (N,) are saturated, and the share that equals it; else None."""
+    """Return the value at which samples (N,) saturate, and the share of samples equal to it; else None."""
     levels, counts = np.unique(values[np.isfinite(values)], return_counts=True)
     if len(levels) < _MIN_LEVELS:
         return None
@@ -28,7 +28,7 @@ def saturated_value(values: Array) -> tuple[float, float] | None:
 
 
 def check_saturation(values: Array, channel: str) -> None:
-    """Raise InputError for a stationary channel with saturated samples (N,): its mean and noise are false."""
+    """Raise InputError if a stationary channel is saturated, as its mean and noise are then wrong."""
     saturated = saturated_value(values)
     if saturated is not None:
         raise InputError(

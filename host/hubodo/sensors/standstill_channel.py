@@ -65,10 +65,9 @@ def read_standstill_channel(
 ) -> StandstillRecord:
     """Return a channel of a node between two times of the log (s), checked for units and motion.
 
-    log: name of the log for errors. stated_units: "gyro", "accel" where the user gave their unit, which is
-    then believed. cut_disturbances: report motion in `disturbances` instead of raising
-    an error. Raises InputError for an unmeasured channel, an empty span, a wrong unit or a sensor that was
-    moved.
+    log: name of the log for errors. stated_units: "gyro" or "accel" where the user stated the unit, which is
+    then not checked. cut_disturbances: report motion in `disturbances` instead of raising an error. Raises
+    InputError for an unmeasured channel, an empty span, a wrong unit or a sensor that was moved.
     """
     table = recording.nodes[node]
     span = _select_span(table, start, end, f"{log}: node {node}")
@@ -126,7 +125,7 @@ def _check_quiet(
 
 
 def _select_span(table: Table, start: float | None, end: float | None, source: str) -> slice:
-    """Return the rows between two times, s; raise InputError if there are none in a table with rows."""
+    """Return the rows between two times, s; raise InputError if only other times have rows."""
     bounds = -np.inf if start is None else start, np.inf if end is None else end
     span = slice(*np.searchsorted(table.t, bounds))
     if len(table) and span.start >= span.stop:
@@ -140,7 +139,7 @@ def _select_span(table: Table, start: float | None, end: float | None, source: s
 def interpolate_temperature(table: Table, rows: NDArray[np.int64]) -> Array | None:
     """Return the (M,) temperatures of these rows, °C, interpolated where missing.
 
-    None without any reading.
+    Returns None if there is no temperature at all.
     """
     if "temperature" not in table:
         return None

@@ -261,7 +261,7 @@ def find_temperature_step(t: Array, temperature: Array) -> TemperatureStep | Non
     least four times the change during the minute before.
     """
     if t[-1] - t[0] > 5.0 * _MAX_GRID_PER_SAMPLE * len(t):
-        return None  # a corrupt time stamp would leave most of the grid empty
+        return None  # a corrupt time stamp leaves most of the grid empty
     grid = np.arange(t[0], t[-1], 5.0)
     half = round(_TEMPERATURE_WINDOW_S / 5.0)
     if len(grid) < 3 * half:

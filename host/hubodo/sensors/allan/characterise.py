@@ -58,9 +58,10 @@ def characterise_noise(
 ) -> AllanResult:
     """Compute the Allan deviation and the noise terms of one channel of a stationary sensor.
 
-    t: (N,) s, strictly increasing. values: (N,) rad/s or m/s². turn: time that a maytagging table needs
-    from stop to stop, s. per_octave: averaging times per octave. temperature_step: a temperature step in
-    the record; B, K and R are then not given, because they would measure the room. excluded: (start, end)
+    t: (N,) s, strictly increasing. values: (N,) rad/s or m/s². turn: time that a maytagging table needs from
+        stop to stop, s. per_octave: averaging times per octave. temperature_step: a temperature step in the
+        record, if any; B, K and R are then not given, because they would measure the room. excluded: (start,
+        end)
     of disturbances in s, treated as gaps. keep_all_samples: use every sample and assume no gaps, outliers
     or disturbances (the plain deviation). node: name of the node. Raises InputError if the record is too
     short, constant or not finite.
@@ -105,7 +106,7 @@ def _write_notes(
     *,
     still_falling: bool,
 ) -> tuple[str, ...]:
-    """Return remarks for the user; still_falling: the deviation decreases up to the end of the record."""
+    """Return remarks for the user; still_falling: True if the deviation falls up to the end."""
     notes = list(record.notes)
     if record.excluded:
         cut_duration = sum(end - start for start, end in record.excluded)

@@ -68,7 +68,7 @@ def _tensor_block(m_a: int, m_b: int, samples: int, dt: float) -> Array:
     """
     n_a, n_b = samples - 2 * m_a + 1, samples - 2 * m_b + 1
     lags = _lags(m_a, m_b, n_a, n_b)
-    # Each lag represents the interval from halfway to the previous lag to halfway to the next one.
+    # Each lag represents the interval between the midpoints to its two neighbours.
     edges = np.concatenate(([lags[0] - 0.5], (lags[1:] + lags[:-1]) / 2.0, [lags[-1] + 0.5]))
     weight = np.diff(edges) * _count_pairs(lags, n_a, n_b)
     smooth = _smooth_cross_covariance(lags, m_a, m_b, dt)

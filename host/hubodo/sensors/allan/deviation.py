@@ -88,7 +88,7 @@ def allan_deviation(
 
 
 def _integrate(samples: Array, present: NDArray[np.bool_] | None) -> Array:
-    """Return the (N + 1,) running sum, from 0, of the samples minus their mean (to limit rounding)."""
+    """Return the (N + 1,) running sum of the samples minus their mean, which limits rounding errors."""
     phase = np.empty(len(samples) + 1)
     phase[0] = 0.0
     if present is None:

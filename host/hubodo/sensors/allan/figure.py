@@ -125,7 +125,7 @@ def _terms(axes: Any, result: AllanResult) -> None:
 
 
 def _mark_term(axes: Any, name: str, value: float, tau: Array) -> None:
-    """Write the letter of a term where its value is read: N at 1 s, K at 3 s, B at its floor."""
+    """Write a term's letter at the averaging time of its value: N at 1 s, K at 3 s, B at its floor."""
     at, height = {
         "N": (1.0, value),
         "K": (3.0, value),
@@ -158,7 +158,7 @@ def _tau_range(results: Sequence[AllanResult]) -> Array:
 
 
 def _scale_by(factor: float) -> Callable[[Any], Any]:
-    """Return a function that multiplies by a factor, for the second axis."""
+    """Return a function that multiplies by a factor, for an axis in another unit."""
     return lambda y: y * factor
 
 

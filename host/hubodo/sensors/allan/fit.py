@@ -98,7 +98,7 @@ class NoiseFit:
             averaging time fitted; -0.2 means that it is smaller by a fifth.
         factors: (P,) averaging factors used in the fit.
         chi2, dof: chi-square of the fit and its degrees of freedom.
-        misfit: relative model error of maximum likelihood, usually 0; all sigmas include it.
+        misfit: most likely relative model error, usually 0; all sigmas include it.
         dt: sample interval, s.
     """
 
@@ -114,7 +114,7 @@ class NoiseFit:
     def variance(self, tau: Array) -> Array:
         """Return the (P,) fitted Allan variance at tau (s).
 
-        Below the first tau fitted, `band` acts as there.
+        Below the first averaging time fitted, `band` acts as it does there.
         """
         first = float(self.factors[0]) * self.dt
         white = self.theta[N] / tau * self.band * np.minimum(first / tau, 1.0)
@@ -132,7 +132,7 @@ def fit_noise(points: AllanPoints, slope: float, detrended_points: Callable[[], 
     points: octaves suffice. slope: least-squares slope of the record, unit/s, a further observation of the
     ramp. detrended_points: returns the points of the record minus that slope.
     """
-    # Octaves only: denser points add no information and make the covariance singular.
+    # Only octaves are fitted: denser points add no information and make the covariance singular.
     octave = points.factors & (points.factors - 1) == 0
     used = octave & (points.factors <= max(points.samples // _MIN_RECORD_PER_TAU, 1))
     likelihood, maximum, chi2 = _select_first_octave(Likelihood.from_points(points, used, slope))
@@ -179,9 +179,9 @@ def fit_noise(points: AllanPoints, slope: float, detrended_points: Callable[[], 
 
 
 def _refit_one_octave_later(likelihood: Likelihood, maximum: LikelihoodMaximum) -> NoiseParameters:
-    """Return the terms fitted without the first averaging time.
+    """Return the terms fitted without the shortest averaging time.
 
-    The original ones if too few points remain.
+    Returns the original terms if too few points remain.
     """
     if len(likelihood.tau) <= _MIN_OCTAVES or Q in maximum.active:
         return NoiseParameters.from_vector(maximum.x)
@@ -234,7 +234,7 @@ def _select_first_octave(full: Likelihood) -> tuple[Likelihood, LikelihoodMaximu
 def _refit_with_misfit(
     likelihood: Likelihood, maximum: LikelihoodMaximum
 ) -> tuple[Likelihood, LikelihoodMaximum]:
-    """Return the likelihood and its maximum with the relative model error of maximum likelihood."""
+    """Return the likelihood, with the most likely relative model error, and its maximum."""
     likelihood.misfit = _estimate_misfit(likelihood, maximum)
     return likelihood, likelihood.maximise(maximum.active, maximum.x)
 
@@ -277,7 +277,7 @@ def _is_low_passed(likelihood: Likelihood, maximum: LikelihoodMaximum) -> bool:
 
 
 def _estimate_misfit(likelihood: Likelihood, maximum: LikelihoodMaximum) -> float:
-    """Return the relative model error of maximum likelihood; 0 unless significant."""
+    """Return the most likely relative model error; 0 unless it is significant."""
     costs = {0.0: maximum.cost}
     for size in np.geomspace(1e-3, 1.0, 31):
         likelihood.misfit = float(size)

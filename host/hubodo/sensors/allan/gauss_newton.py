@@ -36,8 +36,8 @@ def minimise(evaluate: CostFunction, x: Array, low: Array, high: Array) -> tuple
     offsets = np.vstack([np.zeros(len(x)), _DIFFERENCE_STEP * np.eye(len(x))])
 
     def linearise(x: Array) -> _Iterate:
-        # One call for all points: a separate call for the derivatives of accepted steps would take longer
-        # than the derivatives that a rejected step wastes.
+        # One call evaluates all points, derivatives included: a second call after each accepted step would
+        # take longer than the derivatives that a rejected step wastes.
         residual, remainder = evaluate(x + offsets)
         jacobian, slope = (
             (residual[1:] - residual[0]) / _DIFFERENCE_STEP,

@@ -95,7 +95,7 @@ def _profile_bound(
     excess_at: dict[float, float] = {0.0: -np.sqrt(rise)}
 
     def excess(reach: float) -> float:
-        """Return sqrt(increase of cost) - sqrt(rise), which is nearly linear in reach."""
+        """Return sqrt(increase of cost) - sqrt(rise), nearly linear in the distance `reach`."""
         nonlocal last
         if reach not in excess_at:
             constrained = likelihood.maximise(maximum.active, last, {term: centre + side * reach})

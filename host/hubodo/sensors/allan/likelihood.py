@@ -198,7 +198,7 @@ class Likelihood:
             elif term in fixed:
                 x[term] = fixed[term]
             elif term < R:
-                # The cost is flat where a term is negligible, so the search must not start there.
+                # Where a term is negligible the cost is flat, so the search must not start there.
                 x[term] = max(x[term], largest[term] - _START_LOG_RANGE)
         if not free:
             return LikelihoodMaximum(x, tuple(active), self.cost(x))

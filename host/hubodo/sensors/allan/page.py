@@ -65,7 +65,7 @@ def summarise_allan(result: AllanResult) -> str:
 
 
 def _white_noise_text(result: AllanResult) -> str:
-    """Return the white noise as a sentence; "" where the record does not show it."""
+    """Return the white noise as a sentence; "" if the record does not show it."""
     white, unit = result.fit.terms["N"], term_units(result.channel)["N"]
     if white.value is None or white.sigma is None:
         return ""
@@ -74,7 +74,7 @@ def _white_noise_text(result: AllanResult) -> str:
 
 
 def _format_with_sigma(value: float, sigma: float) -> str:
-    """Return value and sigma of a positive quantity."""
+    """Return value and sigma of a positive quantity as text."""
     return format_with_sigma(value, sigma).replace("+", "", 1)
 
 
@@ -212,7 +212,10 @@ def _terms(result: AllanResult) -> list[tuple[str, TermUnit, NoiseTerm]]:
 def allan_sections(
     result: AllanResult, title: str | None = None, sheets: Sequence[Datasheet] = ()
 ) -> list[Section]:
-    """Return the sections of a page: terms, recommendations, figure and record; sheets: also plotted."""
+    """Return the sections of a page: terms, recommendations, figure and record.
+
+    sheets: data sheets that are plotted too.
+    """
     name = title or result.channel
     shown, missing = terms_table(result), hidden_terms_table(result)
     record = result.record

@@ -79,27 +79,27 @@ class AllanResult:
 
     @property
     def tau(self) -> Array:
-        """(P,) averaging times, s."""
+        """Return the averaging times, (P,) s."""
         return self.points.tau
 
     @property
     def adev(self) -> Array:
-        """(P,) overlapping Allan deviation, rad/s or m/s²."""
+        """Return the overlapping Allan deviation, (P,) rad/s or m/s²."""
         return self.points.adev
 
     @property
     def terms(self) -> Mapping[str, NoiseTerm]:
-        """Noise terms Q, N, B, K, R of IEEE 952 in SI units; `value` is None if a term is not observable."""
+        """Return the terms Q, N, B, K, R of IEEE 952 in SI; `value` is None for unobservable terms."""
         return self.fit.terms
 
     @property
     def report(self) -> AllanResult:
-        """The result itself, for programs that read its parts through `report`."""
+        """Return the result itself, for programs that read its parts through `report`."""
         return self
 
     @property
     def name(self) -> str:
-        """Node and channel."""
+        """Return node and channel as one name."""
         return f"{self.node} {self.channel}".strip()
 
     def as_json(self) -> dict[str, Any]:

@@ -40,7 +40,7 @@ class BiasEstimate:
 
 
 def find_standstill_spans(t: Array, gyro: Array, accel: Array, samples: Array) -> Spans:
-    """Return the standstills of a node; a rate beyond any bias is a steady turn, not a standstill.
+    """Return the standstills of a node; a steady rate larger than any bias is a turn.
 
     t: (N,) s. gyro, accel: (N, 3), NaN where a channel is not measured. samples: (N,) rad/s, of the axis.
     """
@@ -56,7 +56,7 @@ def find_standstill_spans(t: Array, gyro: Array, accel: Array, samples: Array) -
 
 
 def spans_of_times(t: Array, times: Sequence[Sequence[float]]) -> Spans:
-    """Return the samples within standstills that the user named; raise InputError for too few samples."""
+    """Return the index ranges of standstills that the user gave; raise InputError for too few samples."""
     spans = []
     for first, last in times:
         i, j = np.searchsorted(t, [first, last]).tolist()
@@ -84,7 +84,7 @@ def estimate_static_biases(gyro: Array, axis: int, spans: Spans) -> tuple[BiasEs
     estimates = [("mean", float(fitted[:, axis].mean()), sigma)]
     if np.isfinite(fitted).all() and (np.ptp(fitted, axis=0) > 0.0).all():
         used = fitted[:_MAX_FILTERED_SAMPLES]
-        # The first sample is the initial bias, known to one sigma of the noise.
+        # The first sample is the initial bias; its sigma is that of the noise.
         bias_filter = PseudoMeasurementFilter(np.cov(used.T), used[0], used.std(axis=0, ddof=1))
         bias_filter.run(used[1:])
         sigma = math.sqrt(float(bias_filter.covariance[axis, axis]))

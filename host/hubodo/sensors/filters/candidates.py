@@ -93,13 +93,13 @@ class FilterCandidate:
 
 
 def raw(initial: StaticState) -> FilterCandidate:
-    """Return the candidate that subtracts the static bias only."""
+    """Return the candidate that only subtracts the static bias."""
     bias = initial.bias
     return FilterCandidate("raw", {}, lambda z: z - bias, {"filter_kind": 0}, lambda: lambda z: z - bias)
 
 
 def moving_average(initial: StaticState, width: int) -> FilterCandidate:
-    """Return the mean of the last `width` samples, the trivial rival of every filter."""
+    """Return the candidate that averages the last `width` samples, the baseline of every filter."""
 
     def run(z: Array) -> Array:
         sums = np.cumsum(np.concatenate([np.full(width, z[0]), z]) - initial.bias)

@@ -124,7 +124,7 @@ def _check_samples(samples: Array, channel: str, notes: list[str]) -> None:
 def _usable_rows(
     table: Table, channel: str, start: float | None, end: float | None, notes: list[str]
 ) -> Table:
-    """Return the longest part of the span without gaps, at most `_MAX_SAMPLES` rows."""
+    """Return the longest part of the span without gaps, limited to `_MAX_SAMPLES` rows."""
     bounds = (-math.inf if start is None else start, math.inf if end is None else end)
     span = np.zeros(len(table), bool)
     span[slice(*np.searchsorted(table.t, bounds))] = True
@@ -211,7 +211,7 @@ def _slow_share(errors: Array, dt: float) -> float:
 
 
 def _remarks(samples: Array, spans: Spans, reference: Reference | None, is_moving: bool) -> list[str]:
-    """Return remarks on what the comparison is based on."""
+    """Return remarks on the data and the criterion of the comparison."""
     notes = []
     if not spans:
         source = "zero" if reference is None else f"the offset against {reference.name}"

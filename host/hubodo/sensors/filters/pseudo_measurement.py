@@ -129,7 +129,7 @@ class PseudoMeasurementFilter:
         dx, dy, dz = gx - bx, gy - by, gz - bz
         ax, ay, az = dx * dx, dy * dy, dz * dz
         square = ax + ay + az
-        # P H' / 2.
+        # Half of P H'.
         hx = xx * dx + xy * dy + xz * dz
         hy = xy * dx + yy * dy + yz * dz
         hz = xz * dx + yz * dy + zz * dz
@@ -163,7 +163,7 @@ class PseudoMeasurementFilter:
         return bias
 
     def run(self, gyro: Array, rate: ArrayLike = 0.0, rate_sigma: ArrayLike = 0.0) -> BiasTrack:
-        """Process (N, 3) samples and (N,) magnitudes, or one, bit for bit equal to N calls of `update`.
+        """Process (N, 3) samples with their magnitudes, (N,) or scalar; bit-identical to N calls of `update`.
 
         The gain depends on the data, so the recursion cannot be vectorised. Raises ValueError for samples
         that are not (N, 3) and finite.

@@ -150,8 +150,8 @@ class RateBiasKalman:
     def run(self, z: Array) -> RateBiasEstimates:
         """Process (N,) samples, rad/s, like N calls of `update`.
 
-        The results are equal bit for bit if scipy's `lfilter` is compiled without fused multiply-add (x86-64
-        wheels), otherwise up to rounding. Raises ValueError for samples that are not finite.
+        The results are bit-identical if scipy's `lfilter` is compiled without fused multiply-add (x86-64
+        wheels), otherwise equal up to rounding. Raises ValueError for samples that are not finite.
         """
         samples = np.asarray(z, dtype=np.float64)
         if samples.ndim != 1 or not np.isfinite(samples).all():

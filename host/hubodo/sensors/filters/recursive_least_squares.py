@@ -77,7 +77,7 @@ class RecursiveLeastSquares:
 
     def update(self, z: float) -> float:
         """Process a sample, rad/s, and return the rate, rad/s."""
-        # A single function with plain floats, because Python's overhead is half the time of a live update.
+        # All in one function with plain floats, because calls are half the time of a live update.
         n, last_rate, b1, b2, p11, p12, p22 = self._state
         y = z - self._bias
         e = last_rate - y
@@ -103,7 +103,7 @@ class RecursiveLeastSquares:
         return rate
 
     def run(self, z: Array) -> Array:
-        """Process (N,) samples, rad/s, and return the (N,) rates, bit for bit equal to N calls of `update`.
+        """Process (N,) samples, rad/s, and return the (N,) rates, bit-identical to N calls of `update`.
 
         The regressor contains the last estimate, so the recursion cannot be vectorised. Raises ValueError for
         samples that are not finite.

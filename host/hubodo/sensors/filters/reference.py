@@ -32,8 +32,8 @@ class Reference:
         name: table and column.
         t: (M,) s.
         rate: (M,) in the unit of the sensor, or rad/s after `align_reference`.
-        scale: rad/s per unit of the sensor.
-        offset: rad/s, of the gyro against the reference.
+        scale: rad/s per unit of the sensor's rate.
+        offset: rad/s, gyro minus reference.
         delay: s by which the sensor lags the gyro; it is removed.
     """
 
@@ -115,7 +115,7 @@ def align_reference(reference: Reference, t: Array, samples: Array, dt: float) -
 
 
 def measure_delay(delayed: Array, source: Array, dt: float) -> float:
-    """Return by how many seconds `delayed` (N,) lags `source` (N,), by their cross-correlation.
+    """Return the lag, s, of `delayed` (N,) behind `source` (N,), from their cross-correlation.
 
     Both are smoothed without delay, since noise common to both would put the peak at zero. The peak of the
     magnitude is interpolated by a parabola; NaN without a peak within `MAX_DELAY_S`. dt: s.
@@ -127,7 +127,8 @@ def measure_delay(delayed: Array, source: Array, dt: float) -> float:
     reach = min(max(2, round(MAX_DELAY_S / dt)), count // 4)
     width = max(_DELAY_SMOOTHING_S / dt, 3.0)
     delayed, source = gaussian_filter1d(delayed, width), gaussian_filter1d(source, width)
-    # The interior of the source against equally long parts of the other, each relative to its own spread.
+    # Correlate the interior of the source with equally long parts of the other signal, each normalised by its
+    # own standard deviation.
     part = source[reach : count - reach]
     part = part - part.mean()
     sums, squares = (

@@ -123,17 +123,17 @@ class FilterComparison:
 
     @property
     def name(self) -> str:
-        """Node and channel."""
+        """Return node and channel as one name."""
         return f"{self.node} {self.channel}"
 
     @property
     def recommendation(self) -> str:
-        """The recommended filter in one sentence."""
+        """Return the recommended filter in one sentence."""
         return recommend_filter(self)
 
     @property
     def settings(self) -> dict[str, int] | None:
-        """Settings of the node for the recommended filter; None without one."""
+        """Return the settings of the node for the recommended filter; None if no filter is recommended."""
         return None if self.chosen is None else self.chosen.candidate.settings
 
     def as_json(self) -> dict[str, Any]:

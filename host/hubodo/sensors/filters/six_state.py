@@ -69,7 +69,7 @@ class SixState:
         """Return the (N, 6) Kalman gains."""
         observed = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
         process = self._process_noise()
-        # Stationary at first, to within the noise of one sample.
+        # The initial covariance is that of a stationary sensor, known to within the noise of one sample.
         spread = np.diag([0.0, self.noise**2, math.radians(1.0) ** 2, math.radians(1.0) ** 2, 0.0, 0.0])
         spread[5, 5] = self.noise**2 / averaged
         gains = np.empty((count, 6))

@@ -39,12 +39,12 @@ UNCALIBRATED_SCALE_SIGMA = 0.01
 
 @dataclass(frozen=True)
 class HeadingOptions:
-    """Statements of the user about a vertical gyro axis.
+    """Options that the user gives for a vertical gyro axis.
 
     Attributes:
         axis: x, y or z.
         effects: calibration of the node.
-        noise: of the bias; by default from standstills and typical values.
+        noise: noise of the bias; by default from standstills and typical values.
         age: time since power-on at the first sample, s.
         standstills: (from, to) of each, s; detected if empty.
         scale_sigma: relative 1σ of the scale.
@@ -147,7 +147,7 @@ def _check_saturation(rate: Array, spans: Spans, axis: str, notes: list[str]) ->
 
 
 def _bias_from_calibration(effects: Mapping[str, CalibratedEffect], detected: DetectedStandstills) -> str:
-    """Return a remark on the bias without a standstill; raise InputError if the calibration lacks it too."""
+    """Return a remark if no standstill gives the bias; raise InputError if no calibration gives it either."""
     if "gyro_bias" not in effects:
         advice = "; begin with a standstill of about ten seconds, mark one with --rest, or give --calibration"
         problem = f": {detected.problem}" if detected.problem else advice
@@ -156,9 +156,9 @@ def _bias_from_calibration(effects: Mapping[str, CalibratedEffect], detected: De
 
 
 def _complete_rows(table: Table, axis: str, notes: list[str]) -> NDArray[np.int64]:
-    """Return the rows with all measured channels; raise InputError without the axis or for too few rows.
+    """Return the rows with all measured channels; raise InputError for a missing axis or too few rows.
 
-    Add a remark for channels that are missing.
+    A remark is added for missing channels.
     """
     missing = [name for name in IMU_CHANNELS if not np.isfinite(table[name]).any()]
     if f"g{axis}" in missing:

@@ -39,7 +39,7 @@ def summarise_heading(result: HeadingResult) -> str:
 
 
 def describe_spans(spans: Sequence[tuple[float, float]]) -> str:
-    """Return the times of all spans, s, with their number and total duration."""
+    """Return times, number and total duration of spans as text."""
     if not spans:
         return "none"
     listed = ", ".join(f"{a:.1f}..{b:.1f}" for a, b in spans)

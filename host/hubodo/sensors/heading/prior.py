@@ -51,8 +51,8 @@ def vertical_axis_warmup(
 ) -> tuple[WarmupModel, dict[str, float]]:
     """Return the warm-up of the axis after correction of scale and cross-axis, and its parameter sigmas.
 
-    effects: of the node. up: +1 or -1. thermometer: True if the log has a temperature. Raises InputError
-    if the calibration needs a temperature and the log has none.
+    effects: calibrated effects of the node. up: +1 or -1, as of `axis_direction`. thermometer: True if the
+    log has a temperature. Raises InputError if the calibration needs a temperature and the log has none.
     """
     matrix = triad_from_effects(effects, "gyro").matrix
 
@@ -85,7 +85,7 @@ def vertical_axis_warmup(
 
 
 def read_bias_noise(path: Path) -> BiasNoise:
-    """Read N, B and K from the output of `hubodo allan --json`; raise InputError for another file or no N."""
+    """Read N, B and K from the output of `hubodo allan --json`; raise InputError if the file lacks them."""
     try:
         coefficients = json.loads(path.read_text("utf-8"))["coefficients"]
         n, b, k = (float(coefficients[name]["value"] or 0.0) for name in "NBK")

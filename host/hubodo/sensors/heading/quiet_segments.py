@@ -26,7 +26,7 @@ class QuietSegments:
         start, end: (K,) index of the first sample and one past the last.
         t: (K,) middle of each, s.
         rate, sigma: (K,) mean rate about the vertical and its sigma from white noise, rad/s.
-        slope, slope_sigma: (K,) its change with time, rad/s².
+        slope, slope_sigma: (K,) change of the rate with time and its sigma, rad/s².
     """
 
     start: NDArray[np.int64]
@@ -44,8 +44,8 @@ class QuietSegments:
 def divide_quiet_segments(t: Array, rate: Array, spans: list[tuple[int, int]]) -> QuietSegments:
     """Divide quiet spans of samples where the mean rate changes, and return their rates.
 
-    A small step between two steady rates hardly raises the noise of a short window, so that a span may hold
-    several of them. t: (N,) s. rate: (N,) rad/s.
+    A small step between two steady rates hardly raises the noise of a short window, so a quiet span may hold
+    several rates. t: (N,) s. rate: (N,) rad/s.
     """
     step = float(np.median(np.diff(t)))
     width = max(1, round(_SEGMENT_BLOCK_S / step))

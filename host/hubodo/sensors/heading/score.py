@@ -25,7 +25,7 @@ class TrueHeading:
 class HeadingError:
     """The (K,) heading errors, rad, at the times t (K,) of the truth within the track.
 
-    The first one is zero.
+    The first error is zero, because only changes of heading are compared.
     """
 
     t: Array
@@ -70,7 +70,7 @@ class HeadingScore:
 
 
 def read_true_heading(recording: Recording) -> TrueHeading | None:
-    """Return the true heading from `table.csv`, else `truth.csv`, else `heading.csv`, or None without any."""
+    """Return the true heading of `table.csv`, else `truth.csv`, else `heading.csv`; None if there is none."""
     if recording.table is not None and len(recording.table) > 1:
         table = recording.table
         motion = TableMotion(table.t, table["angle"], table["moving"] > 0.5)

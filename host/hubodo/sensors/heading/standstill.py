@@ -56,8 +56,8 @@ class DetectedStandstills:
 
     Attributes:
         spans: index range of each.
-        notes: one line each about segments that are left out, or about doubt.
-        problem: why there is none, or "".
+        notes: remarks on rejected segments and on doubtful choices, one line each.
+        problem: reason why there is no standstill, or "".
     """
 
     spans: Spans
@@ -107,7 +107,7 @@ def detect_standstills(
 
 
 def _describe_choice(t: Array, segments: QuietSegments, choice: StandstillChoice) -> DetectedStandstills:
-    """Return the accepted standstills with remarks, or why none is accepted."""
+    """Return the accepted standstills with remarks, or the reason why none is accepted."""
 
     def times(which: NDArray[np.bool_]) -> str:
         parts = [f"{t[i]:.1f}..{t[j - 1]:.1f}" for i, j in _merge_segments(segments, which)]

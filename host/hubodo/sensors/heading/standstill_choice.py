@@ -2,8 +2,9 @@
 
 A vertical gyro that turns at a steady rate measures a constant, as one at standstill does. Each hypothesis
 names the segments that are standstills (or none). Standstills share one bias, whose prior is narrow; the rate
-of a steady turn is any up to the largest of the record. Gravity and Earth rate contribute the likelihood of
-each bias, because on a table that is not exactly level they turn with the heading (module `turn_evidence`).
+of a steady turn has a uniform prior up to the largest rate of the record. Gravity and Earth rate contribute
+the likelihood of each bias, because on a table that is not exactly level they turn with the heading (module
+`turn_evidence`).
 """
 
 from __future__ import annotations
@@ -60,10 +61,10 @@ class StandstillChoice:
 
     Attributes:
         is_standstill: (K,) for each segment.
-        bias: rad/s, mean of theirs.
-        odds: against all hypotheses with another bias.
+        bias: mean rate of the standstills, rad/s.
+        odds: odds against all hypotheses with another bias.
         alternative: the most probable other hypothesis; no segment if that is a record without standstill.
-        needed_odds: from which the standstills are accepted.
+        needed_odds: odds from which on the standstills are accepted.
     """
 
     is_standstill: NDArray[np.bool_]
@@ -87,9 +88,9 @@ def choose_standstills(
 ) -> StandstillChoice:
     """Return the most probable set of standstills, with its odds.
 
-    largest_rate: of the record, rad/s. latest_start: index of the last sample at which a segment that begins
-    the record starts. other_biases: rad/s, of the other gyro axes. log_evidence: log likelihood of biases
-    (M,) rad/s from gravity and Earth rate.
+    largest_rate: of the record, rad/s. latest_start: largest index at which a segment may start and still
+    count as the beginning of the record. other_biases: rad/s, of the other gyro axes. log_evidence: log
+    likelihood of biases (M,) rad/s from gravity and Earth rate.
     """
     count = len(segments)
     none = np.zeros(count, bool)
@@ -159,7 +160,7 @@ def _drift_rate(segments: QuietSegments) -> tuple[float, float]:
     middle = int(np.searchsorted(cumulative, 0.5 * cumulative[-1]))
     slope = float(np.clip(segments.slope[known][order][middle], -_MAX_DRIFT_RATE, _MAX_DRIFT_RATE))
     sigma = 1.25 / float(np.sqrt(weight.sum()))
-    # A warm-up slows down, so the slope holds for the time about the segments that show it.
+    # A warm-up slows down, so the slope is valid only near the segments that show it.
     sigma = float(np.hypot(sigma, 0.3 * slope))
     return slope, float(np.clip(sigma, _MIN_DRIFT_RATE, _MAX_DRIFT_RATE / 2))
 
@@ -211,9 +212,9 @@ def _log_marginal(
 
 
 def _log_turns(log_likelihood: float, bias: float, count: int, log_turn: float, weights: Array) -> float:
-    """Return the log likelihood of the same rates if all of them are turns: at any rates, or at one rate.
+    """Return the log likelihood of the rates if all segments are turns, at different rates or at one.
 
-    log_likelihood: of their rates as standstills.
+    log_likelihood: log likelihood of the rates as standstills.
     """
     log_bias = logsumexp(
         np.log(weights) - 0.5 * (bias / _BIAS_SIGMAS) ** 2 - np.log(_BIAS_SIGMAS * np.sqrt(2.0 * np.pi))
@@ -223,7 +224,7 @@ def _log_turns(log_likelihood: float, bias: float, count: int, log_turn: float, 
 
 
 def _bias_weights(other_biases: Array) -> Array:
-    """Return the weights of `_BIAS_SIGMAS` after the biases of other axes, rad/s, were seen."""
+    """Return the posterior weights of `_BIAS_SIGMAS`, given the biases of other axes, rad/s."""
     log = np.log(_BIAS_WEIGHTS)
     for bias in other_biases:
         log = log - 0.5 * (bias / _BIAS_SIGMAS) ** 2 - np.log(_BIAS_SIGMAS)

@@ -78,7 +78,8 @@ def turn_evidence(
             best = float(biases[explained[k].argmax()])
             noise = _residual_noise(values, basis, scaled, times, best)
             factors[triad] += _log_bayes_factor(explained[k], len(times), noise, amplitude)
-        # Half of all tables are level enough that nothing turns visibly: then no bias is preferred.
+        # Prior: with probability one half a table is so level that nothing turns visibly, and no bias is
+        # preferred.
         visible = np.sum(np.logaddexp(0.0, factors) - np.log(2.0), axis=0)
         parts.append(visible - 0.5 * (scale_error / _SCALE_ERROR_SIGMA) ** 2)
     smoothed = _smooth(np.asarray(logsumexp(parts, axis=0)), float(biases[1] - biases[0]))
@@ -86,7 +87,7 @@ def turn_evidence(
 
 
 def _project(values: Array, basis: Array) -> Array:
-    """Return the values without the parts that the columns of an orthonormal basis explain."""
+    """Return the values minus their projection onto the columns of an orthonormal basis."""
     return np.asarray(values - basis @ (basis.T @ values))
 
 

@@ -22,7 +22,7 @@ def accel_frame_covariance(
 ) -> Array:
     """Return the (12, 12) covariance of gyro bias and M (row by row) due to the accelerometers.
 
-    It is to be added to that of the turns. turns: all turns between the standstills. The effect is
+    This covariance is added to that of the turns. turns: all turns between the standstills. The effect is
     computed to first order for each principal direction of the accelerometers' covariance.
     """
     turns_used = turns.select(calibration.used)

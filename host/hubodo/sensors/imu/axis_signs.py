@@ -1,4 +1,4 @@
-"""Check that the axes of gyro and accelerometer triad agree: none reversed, none interchanged."""
+"""Check that no axis of gyro or accelerometer triad is reversed or interchanged."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MIN_IMPROVEMENT = 3.0
 
 
 def check_axis_signs(turns: Turns) -> None:
-    """Raise CalibrationError with the axes that are reversed or interchanged, if the turns show it.
+    """Raise CalibrationError if the turns show that axes are reversed or interchanged; the error names them.
 
     All 48 signed permutations of the gyros are tried. A record that none of them explains is accepted here.
     """
@@ -43,7 +43,7 @@ def check_axis_signs(turns: Turns) -> None:
 
 
 def _describe(matrix: Array) -> str:
-    """Return what a signed permutation of the gyros means, in the fewest changes of gyro or accelerometer."""
+    """Describe a signed permutation of the gyros by the fewest changes of gyro or accelerometer axes."""
     order = np.abs(matrix).argmax(axis=1)
     if (order != np.arange(3)).any():
         columns = ", ".join(f"{'-' if matrix[k, j] < 0 else ''}g{'xyz'[j]}" for k, j in enumerate(order))

@@ -182,7 +182,7 @@ def _calibrate_gyro(
         )
         bias_covariance = bias_covariance + earth.mean_covariance
         if g_sigma is not None and latitude is None:
-            # The vertical Earth rate is in proportion to gravity, as an equal g-sensitivity of all axes.
+            # The vertical Earth rate is proportional to gravity, like an equal g-sensitivity of all axes.
             g_sigma = np.hypot(g_sigma, np.eye(3) * EARTH_RATE / np.sqrt(3) / STANDARD_GRAVITY)
         total_bias = np.asarray(bias if g_sensitivity is None else bias + all_force @ g_sensitivity.T)
         turns = replace(

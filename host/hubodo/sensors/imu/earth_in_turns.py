@@ -56,7 +56,7 @@ def estimate_earth_in_turns(turns: Turns, bias_sigma: Array, latitude: float | N
         calibration = calibrate_from_turns(turns, bias_sigma)
         matrix, change = calibration.matrix, calibration.bias_change
     vertical = 0.0 if latitude is None else EARTH_RATE * math.sin(latitude)
-    # Sections of the horizontal rate, then the vertical rate.
+    # Unknowns: horizontal rate of each section, then the vertical rate.
     unknowns = np.append(calibration.earth_rate, vertical)
     columns = _node_columns(attitudes, section)
     covariance = np.zeros((len(unknowns), len(unknowns)))
@@ -96,7 +96,7 @@ def _with_earth(turns: Turns, attitudes: Array, section: NDArray[np.int64]) -> T
     for axis, direction in enumerate(np.eye(3)[:2]):
         effect = np.cross(_UP, direction) @ attitudes[1:] * duration[:, None]
         slopes[np.arange(len(duration)), :, 2 * section[1:] + axis] = effect
-    # That of a place of unknown latitude: a wrong latitude must not hide the measured rate.
+    # The prior is that of an unknown latitude: a wrong latitude must not hide the measured rate.
     return replace(turns, earth_slopes=slopes, earth_sigma=EARTH_RATE / math.sqrt(3.0))
 
 

@@ -17,12 +17,12 @@ _MAX_CONDITION_NUMBER = 300.0
 
 
 def check_latitude(force: Array, rate: Array, rate_sigma: float, latitude: float) -> None:
-    """Raise InputError if gravity and Earth rate enclose another angle than the latitude demands.
+    """Raise InputError if the angle between gravity and Earth rate contradicts the latitude.
 
     force, rate: (R, 3) calibrated means of the poses. rate_sigma: standard error of a rate, rad/s.
     latitude: rad. The rotation between both triads is unknown, so its three angles are estimated together
     with the latitude.
-    Poses that do not separate them are accepted.
+    Poses that do not separate these unknowns are accepted.
     """
     up = force / np.linalg.norm(force, axis=1)[:, None]
     earth = rate / np.linalg.norm(rate, axis=1)[:, None]
@@ -57,7 +57,7 @@ def check_horizontal_rate(size: float, sigma: float, latitude: float) -> None:
 
 
 def _likely_cause(measured: float, latitude: float) -> str:
-    """Return the likely mistake; measured: degrees, latitude: rad."""
+    """Return the likely mistake as text; measured: degrees, by the gyros; latitude: rad, as given."""
     given = math.degrees(latitude)
     if abs(measured + given) < 2.0:
         return ": its sign is reversed; south is negative"

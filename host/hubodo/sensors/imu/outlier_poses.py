@@ -21,7 +21,7 @@ _MAX_OUTLIER_FRACTION = 0.15
 
 
 def drop_outlier_poses(standstills: Standstills, gravity: float) -> Standstills:
-    """Return the standstills without those that contradict the others, each with a line in `rejected`.
+    """Return the standstills without those that contradict the others; `rejected` has a line for each.
 
     One pose is dropped at a time, if the calibration without it fits significantly better (F-test of its
     deleted residual, corrected for the number of poses).
@@ -48,7 +48,7 @@ def _fit(standstills: Standstills, gravity: float) -> ScalarCalibration:
 
 
 def _misfit(standstills: Standstills, gravity: float) -> tuple[float, int]:
-    """Return the chi-square of the norms and its degrees of freedom; infinity where the fit fails."""
+    """Return the chi-square of the norms and its degrees of freedom; infinite if the fit fails."""
     try:
         fit = _fit(standstills, gravity)
     except CalibrationError:

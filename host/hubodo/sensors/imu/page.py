@@ -25,7 +25,7 @@ def imu_sections(result: ImuCalibration) -> Sequence[Section]:
 
 
 def imu_verdict(result: ImuCalibration) -> str:
-    """Return in one sentence whether the calibration helps on data that it did not see."""
+    """Return one sentence on whether the calibration improves held-out data."""
     held_out = result.accel_held_out
     if held_out is None:
         return "Too few poses for a held-out check: the gain is not verified."

@@ -21,8 +21,8 @@ class FactoryTolerance:
     """Factory tolerances of a triad: prior sigmas relative to the reference.
 
     Attributes:
-        bias: of each axis.
-        scale_and_angle: of scale errors, and of differences of two misalignment angles.
+        bias: sigma of the bias of each axis.
+        scale_and_angle: sigma of scale errors, and of differences of two misalignment angles.
     """
 
     bias: float
@@ -90,7 +90,7 @@ def pose_design_matrix(v: Array, w: Array | None = None) -> Array:
     """Return the (R, 9) matrix of Avrutov, eq. 5: rows [wx, wy, wz, wx², wy², wz², wx wy, wx wz, wy wz].
 
     v, w: (R, 3) unit vectors. For an error matrix M that is not small, the rows are the derivative of
-    |w|²/2, with v = M^-T w and w the corrected measurement. For M = I both are equal and the row is that
+    |w|²/2, with v = M^-T w and w the corrected measurement. For M = I, v and w are equal and the row is that
     of the paper.
     """
     if w is None:

@@ -65,7 +65,7 @@ def _find_step(values: Array) -> float:
 
 
 def _decimal_step(levels: Array) -> float:
-    """Return the last decimal, in any of the common units, to which all levels are rounded, or 0."""
+    """Return the decimal step to which all levels are rounded in a common unit; 0 if there is none."""
     best = 0.0
     for unit in _DECIMAL_UNITS:
         for decimals in range(_MAX_DECIMALS + 1):

@@ -52,7 +52,7 @@ def _pairs(q: Array) -> Array:
 
 
 def _times(a: Array, b: Array) -> Array:
-    """Return the product of quaternions a and b, (4, ...)."""
+    """Return the product a b of quaternions, (4, ...)."""
     (w, x, y, z), (v, i, j, k) = a, b
     return np.stack(
         [

@@ -61,10 +61,10 @@ class ScalarCalibration:
         is_observable: (12,) True for the elements of b and M that the poses determine.
         reference: norm of the true vector.
         residual, residual_before: (R,) norm minus reference with and without correction.
-        reduced_chi2: of the fit, relative to the standard errors of the standstills; the covariance is
-            scaled by it if it exceeds 1. None without degrees of freedom.
+        reduced_chi2: reduced chi-square of the fit, relative to the standard errors of the standstills; the
+            covariance is scaled by it if it exceeds 1. None without degrees of freedom.
         poses: observability of the parameters.
-        convention: of the misalignments.
+        convention: convention of the misalignments, see the module.
         iterations: Gauss-Newton steps.
     """
 
@@ -235,7 +235,7 @@ class _NormFit:
 
 
 def _symmetric(p: Array) -> Array:
-    """Return M of the symmetric convention from [.., e, d_xz - d_yz, d_zy - d_xy, d_yx - d_zx]."""
+    """Return M of the symmetric convention from b, e and [d_xz - d_yz, d_zy - d_xy, d_yx - d_zx]."""
     xy, xz, yz = p[6:9] / 2
     return np.array([[1 + p[3], xy, xz], [xy, 1 + p[4], yz], [xz, yz, 1 + p[5]]])
 
@@ -260,7 +260,7 @@ def _check_poses(poses: PoseObservability, partial: bool, name: str) -> None:
 def _check_unit(ratio: float, reference: float, name: str) -> None:
     if 0.5 < ratio < 2:
         return
-    # The guess only affects the error text.
+    # This estimate only affects the text of the error.
     matching = [unit for factor, unit in _UNIT_OF_RATIO.items() if 0.7 < ratio / factor < 1.4]
     guess = f", as if it were in {matching[0]}" if matching else ""
     raise CalibrationError(

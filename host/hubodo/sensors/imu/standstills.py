@@ -1,4 +1,4 @@
-"""Detection of standstills in a recording from its noise floor, with the means of each standstill."""
+"""Detection of standstills in a recording by its noise floor, and the means of each standstill."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ def _mean_sigma(values: Array, pairs: list[tuple[int, int]], width: int, steps: 
 def _sample_window(t: Array, gyro: Array, accel: Array, min_duration: float) -> tuple[float, int]:
     """Return the sample interval, s, and the window length in samples.
 
-    Raise CalibrationError if impossible.
+    Raises CalibrationError if the record is too short, or constant in all channels of a triad.
     """
     if len(t) < 2 or t[-1] - t[0] < min_duration:
         raise CalibrationError(
@@ -167,8 +167,8 @@ def _sample_window(t: Array, gyro: Array, accel: Array, min_duration: float) -> 
 def _trim_slow_motion(samples: Array, start: int, end: int, width: int, floor: Array) -> tuple[int, int]:
     """Return the span without the parts in which a slow turn begins or ends.
 
-    A turn that begins gently passes as quiet at first, within windows of `width` samples, but the means of
-    the windows leave their median. samples: (N, 6). floor: (6,) smallest noise of a channel.
+    A turn that begins gently is at first taken as quiet in windows of `width` samples, but the means of these
+    windows deviate from their median. samples: (N, 6). floor: (6,) smallest noise of a channel.
     """
     blocks = (end - start) // width
     if blocks < _MIN_TRIM_BLOCKS:
@@ -176,7 +176,7 @@ def _trim_slow_motion(samples: Array, start: int, end: int, width: int, floor: A
     part = samples[start : start + blocks * width]
     means = part.reshape(blocks, width, -1).mean(axis=1)
     deviation = np.abs(means - np.median(means, axis=0))
-    # White noise from successive differences: a drift does not raise its own threshold.
+    # White noise is estimated from successive differences, so that a drift does not raise its own threshold.
     white = np.diff(part, axis=0).std(axis=0) / np.sqrt(2.0 * width)
     scale = np.maximum(np.maximum(white, 1.4826 * np.median(deviation, axis=0)), floor)
     at_rest = np.concatenate([[0], (deviation <= TRIM_SIGMA * scale).all(axis=1).astype(np.int8), [0]])
@@ -185,7 +185,7 @@ def _trim_slow_motion(samples: Array, start: int, end: int, width: int, floor: A
     if not len(first):
         return int(start), int(end)
     longest = int(np.argmax(last - first))
-    # The neighbour of a moving block moves too, below the threshold.
+    # The neighbour of a moving block moves as well, but below the threshold.
     left = 0 if first[longest] == 0 else (first[longest] + 1) * width
     right = end - start if last[longest] == blocks else (last[longest] - 1) * width
     return int(start + left), int(start + max(right, left))
@@ -319,11 +319,12 @@ def _find_segments(
 
 
 def _creep_reason(accel: Array) -> str:
-    """Return the reason why this segment is not a standstill, or ""."""
+    """Return the reason why a segment is not a standstill, or ""."""
     half = len(accel) // 2
     first, second = accel[:half], accel[half:]
     shift = np.abs(second.mean(axis=0) - first.mean(axis=0))
-    # White noise from successive differences, because the creep must not raise its own threshold.
+    # White noise is estimated from successive differences, so that the creep does not raise its own
+    # threshold.
     error = np.diff(accel, axis=0).std(axis=0) / np.sqrt(half)
     if bool((shift > np.maximum(CREEP_SIGMA * error, CREEP_ACCELERATION)).any()):
         return f"gravity crept by {shift.max():.3f} m/s², so the node still moved"

@@ -168,7 +168,7 @@ def collect_turns(t: Array, gyro: Array, bias: Array, standstills: Standstills, 
 
 
 def turn_rotations(turns: Turns, matrix: Array, bias_change: Array | float = 0.0) -> Array:
-    """Return the (T, 3, 3) rotations of the turns: node axes after the turn to those before."""
+    """Return the (T, 3, 3) rotations of the turns, from node axes after the turn to node axes before it."""
     total = chain_product(quaternions_from_vectors(_rotation_vectors(turns, matrix, bias_change))).T
     return np.stack([rotate_inverse(total, np.broadcast_to(e, turns.start.shape)) for e in np.eye(3)], axis=1)
 
@@ -325,7 +325,7 @@ def _fit_turns(turns: Turns, bias_sigma: Array) -> tuple[Array, Array, Array]:
         converged = np.abs(step[:9]).max() < 1e-8 and abs(new_scatter / scatter - 1) < 1e-3
         scatter = new_scatter
         if converged:
-            # The noise level is estimated from few turns: use the variance of Student's t distribution.
+            # The noise level is estimated from few turns, hence the variance of Student's t distribution.
             covariance = np.asarray(np.linalg.inv(information) * (dof / max(dof - 2.0, 0.5)))
             return p, covariance, np.asarray(response)
     raise CalibrationError(

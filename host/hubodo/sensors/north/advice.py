@@ -1,4 +1,4 @@
-"""Recommendations for the next north measurement, from the noise that the last one showed."""
+"""Recommendations for the next north measurement, from the noise of the last one."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def programme_json(estimate: NorthEstimate) -> dict[str, Any]:
 
 
 def _bound_deg(bound: float) -> float | None:
-    """Return a bound in degrees, or None if a guess would be as good."""
+    """Return a bound in degrees, or None if it is no better than a guess."""
     return math.degrees(bound) if bound < UNIFORM_AZIMUTH_SIGMA else None
 
 

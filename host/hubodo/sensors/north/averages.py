@@ -60,8 +60,8 @@ def average_spans(
     """Return averages over equal parts, about `length` s long, of each span of samples [i, j).
 
     t: (N,) s. y: (N,) rad/s. angle: (N,) of the sensing axis, rad. turned: (N,) rad as in `Averages`.
-    Parts whose time stamps are closer than the sample rate allows are dropped; a computer that delayed the
-    node stamps them so.
+    Parts whose time stamps are closer than the sample rate allows are dropped: the computer received these
+        samples late.
     """
     step = float(np.median(np.diff(t)))
     rows = []

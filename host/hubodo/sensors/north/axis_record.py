@@ -34,7 +34,7 @@ class AxisRecord:
         t, rate: (N,) s and rad/s.
         table: motion of the table.
         mounting_angle: angle of the axis, anticlockwise from table zero, at table angle zero, rad.
-        level_share: share of horizontal Earth rate that the axis measures.
+        level_share: fraction of the horizontal Earth rate that the axis measures.
         vertical_rate: (N,) rate about the vertical, rad/s, to check the stops.
     """
 
@@ -66,8 +66,8 @@ def build_axis_record(
     """Return the record of an axis, and remarks for the user.
 
     node: calibrated samples. table: `table.csv`, or None to derive the stops from the gyro. latitude: rad.
-    angle_options: options for that. Raises InputError for too few samples, and as in `find_table_motion`,
-    `estimate_mount` and `check_turn_direction`.
+    angle_options: options for deriving the stops. Raises InputError for too few samples, and as in
+    `find_table_motion`, `estimate_mount` and `check_turn_direction`.
     """
     if len(node) < _MIN_RECORD_SAMPLES:
         raise InputError(f"{len(node)} samples are too few to find north; record several stops of the table")

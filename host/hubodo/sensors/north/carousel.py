@@ -34,9 +34,9 @@ class CarouselTurns:
     """The steady turning of one record.
 
     Attributes:
-        averages: one per span of steady turning.
+        averages: averages of each span of steady turning.
         turn: (M,) number of the turn of each average, per span.
-        duration: time of steady turning, s.
+        duration: total time of steady turning, s.
         notes: one line each.
     """
 
@@ -49,9 +49,9 @@ class CarouselTurns:
 def average_carousel(record: AxisRecord) -> CarouselTurns:
     """Return the averages over the spans in which the table turned steadily.
 
-    The bias of each span is independent: what the axis measures of the turn itself (misalignment, cross-axis
-    sensitivity) is constant within a span only, and a standstill before or after has another bias. Raises
-    InputError if table and node have no common time, for too few turns, and if wrapped angles are too sparse.
+    Each span has a bias of its own: the contribution of the table's rotation (by misalignment and cross-axis
+    sensitivity) is constant only within a span, and differs from that at standstill. Raises InputError if
+    table and node have no common time, for too few turns, and if wrapped angles are too sparse.
     """
     t, table = record.t, record.table
     covered = (t >= table.t[0]) & (t <= table.t[-1])
@@ -108,7 +108,7 @@ def fit_each_turn(averages: Averages, turn: Array) -> tuple[Array, Array]:
 
 
 def _correct_lag(record: AxisRecord, covered: NDArray[np.bool_]) -> tuple[float, list[str]]:
-    """Return the lag of table.csv against the node, s, where the vertical gyro shows it, and remarks."""
+    """Return the lag of table.csv behind the node, s, and remarks; 0 if the vertical gyro shows no lag."""
     if record.vertical_rate is None:
         return 0.0, []
     t = record.t[covered]
@@ -127,10 +127,10 @@ def _correct_lag(record: AxisRecord, covered: NDArray[np.bool_]) -> tuple[float,
 
 
 def _cross_axis_rate(record: AxisRecord, covered: NDArray[np.bool_], angle: Array, spin: Array) -> Array:
-    """Return the (N,) rate, rad/s, that the axis measures of the turn itself beyond a constant.
+    """Return the (N,) varying part of the rate that the axis measures of the table's rotation, rad/s.
 
     A cross-axis sensitivity of 1 % at 20 deg/s is 70 times the Earth's rate; it changes with the turn rate.
-    Zero if the turn rate does not vary enough to show it.
+    It is zero if the turn rate does not vary enough to determine the sensitivity.
     """
     t = record.t
     rows = np.flatnonzero(covered)
@@ -167,7 +167,7 @@ def _cross_axis_rate(record: AxisRecord, covered: NDArray[np.bool_], angle: Arra
 def _steady_spans(
     t: Array, spin: Array, covered: NDArray[np.bool_], moving: NDArray[np.bool_]
 ) -> list[tuple[int, int]]:
-    """Return the index ranges in which the table turned at its usual rate, in one sense each."""
+    """Return the index ranges in which the table turned at its usual rate in one direction."""
     usual = float(np.median(np.abs(spin[covered & moving]))) if (covered & moving).any() else 0.0
     step = float(np.median(np.diff(t)))
     spans = []

@@ -24,7 +24,7 @@ def summarise_azimuth(
 
     With one maximum the azimuth is the mean, with several the highest one, or the candidate next to `near`.
     sigma is the rms of the wrapped deviation; for stops along one line, whose two candidates mirror each
-    other, it is that within the half of the circle of the azimuth. near: rad; directions more than 90 degrees
+    other, it is the rms within the half circle of the azimuth. near: rad; directions more than 90 degrees
     from it are excluded.
     """
     azimuth, density = posterior.azimuth, posterior.density
@@ -58,7 +58,7 @@ def _summarise_mirrored(
     target = np.pi / 2 if near is None else near
     first, second = sorted((candidate, mirror), key=lambda one: abs(wrap_angle(one - target)))
     answer = line_direction if is_on_line and near is None else first
-    # The density is known about one candidate; that of the other one is its mirror image.
+    # The density is computed about one candidate; that about the other one is its mirror image.
     centre = answer if answer in (line_direction, candidate) else candidate
     return answer, _circular_sigma(azimuth, half_density, centre), (first, second)
 
@@ -71,7 +71,7 @@ def _separate_maxima(azimuth: Array, density: Array) -> tuple[float, ...]:
         return tuple(maxima)
     ordered = np.roll(density, -top)
     angles = np.roll(azimuth, -top)
-    # Walking away from the maximum on both sides, the valleys separate its own part of the circle.
+    # The nearest valleys on both sides bound the part of the circle that belongs to the maximum.
     rising = np.minimum.accumulate(ordered)
     falling = np.minimum.accumulate(ordered[::-1])[::-1]
     valley = np.maximum(rising, falling)

@@ -1,4 +1,4 @@
-"""Blows and bumps within stops of a turntable, from short means that deviate from the rest."""
+"""Detection of blows and bumps during stops of a turntable, by short means that deviate from the rest."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def find_disturbed_spans(
 def _deviation_of_means(values: Array, width: int) -> Array:
     """Return the deviations of means of `width` samples from the median of their neighbourhood.
 
-    The first and the last mean count as undisturbed: there the table may still settle.
+    The first and the last mean count as undisturbed, because the table may still settle there.
     """
     count = len(values) // width
     if count < _NEIGHBOURHOOD:

@@ -1,4 +1,4 @@
-"""Test of the measured Earth rate against the one that the latitude demands."""
+"""Test of the measured Earth rate against the value that the latitude implies."""
 
 from __future__ import annotations
 
@@ -24,13 +24,14 @@ _RIGHT_RATIO = 0.15
 
 @dataclass(frozen=True)
 class EarthRateTest:
-    """The size of horizontal Earth rate as measured and as demanded.
+    """The horizontal Earth rate as measured and as implied by the latitude.
 
     Attributes:
         measured, sigma: rad/s, along the axis, without the constraint by latitude.
-        demanded: rad/s.
-        chi_square, probability: of a deviation at least as large by chance.
-        depends_on_latitude: True if the azimuth follows from that size, as with stops along one line.
+        demanded: rate that the latitude implies, rad/s.
+        chi_square, probability: statistic of the deviation, and probability of one at least as large by
+            chance.
+        depends_on_latitude: True if the azimuth follows from the implied rate, as with stops along one line.
     """
 
     measured: float
@@ -42,12 +43,12 @@ class EarthRateTest:
 
     @property
     def is_contradicted(self) -> bool:
-        """Return True if the measured rate contradicts the demanded one."""
+        """Return True if the measured rate contradicts the rate that the latitude implies."""
         return self.probability < MAX_DOUBT
 
     @property
     def excess_sigma(self) -> float:
-        """Return the azimuth sigma, rad, of a disturbance as large as the deviation, or 0."""
+        """Return the azimuth sigma, rad, due to a disturbance as large as the deviation, or 0."""
         return abs(self.measured - self.demanded) / self.demanded if self.is_contradicted else 0.0
 
     @property
@@ -57,9 +58,9 @@ class EarthRateTest:
 
 
 def check_earth_rate(posterior: EarthRatePosterior, horizontal: float) -> EarthRateTest:
-    """Return the test of the measured rate against `horizontal`, rad/s, the one that the latitude demands.
+    """Test the measured rate against `horizontal`, rad/s, the rate that the latitude implies.
 
-    Stops along one line measure a component only, which contradicts the latitude if it is larger.
+    Stops along one line measure only one component, which contradicts the latitude if it exceeds that rate.
     """
     rate, covariance = posterior.rate, posterior.rate_covariance
     line = single_measured_direction(posterior)
@@ -83,9 +84,9 @@ def check_earth_rate(posterior: EarthRatePosterior, horizontal: float) -> EarthR
 
 
 def describe_earth_rate(test: EarthRateTest, latitude: float, level: float) -> str:
-    """Return what was measured, what the latitude (rad) demands, and what may be the cause.
+    """Return measured rate, rate implied by the latitude (rad), and likely cause of the difference as text.
 
-    level: share of horizontal Earth rate that the axis measures.
+    level: fraction of the horizontal Earth rate that the axis measures.
     """
     deg_h = np.degrees(1.0) * 3600
     text = (

@@ -90,7 +90,7 @@ def filter_weights(name: str, sign: Signs) -> Array:
     pairs = find_opposite_pairs(sign, FILTER_LAGS.get(name, 1))
     share = np.full(len(pairs.first), 1 / max(1, len(pairs.first)))
     if name == "sliding_average" and len(share) >= SLIDING_WINDOW:
-        # Mean over all full windows; estimates near the ends are in fewer of them.
+        # The weights are averaged over all full windows; estimates near the ends occur in fewer of them.
         share = np.convolve(np.ones(len(share) - SLIDING_WINDOW + 1), np.ones(SLIDING_WINDOW))
         share = share / share.sum()
     weights = np.zeros(count)

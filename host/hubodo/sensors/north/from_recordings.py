@@ -1,4 +1,4 @@
-"""North from recordings of a turntable: calibration, angles and estimate of each requested gyro axis."""
+"""Estimation of north from turntable recordings: calibration, angles and estimate of each gyro axis."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ RecordSource = Callable[[Table, str], tuple[AxisRecord, list[str]]]
 
 @dataclass(frozen=True)
 class NorthOptions:
-    """Statements of the user about a measurement of north.
+    """Options that the user gives for a measurement of north.
 
     Attributes:
         latitude_deg: latitude, north positive.
@@ -42,7 +42,7 @@ class NorthOptions:
         calibration: calibration of the nodes.
         drift: drift noise of the axis.
         stated_units: quantities whose unit the user gave.
-        source: of the records of the axes, None for the recordings themselves.
+        source: function that returns the record of an axis; None to use the recordings themselves.
     """
 
     latitude_deg: float
@@ -65,10 +65,10 @@ def north_from_recordings(
     options: NorthOptions,
     show: Callable[[str, float], None] = lambda text, share: None,
 ) -> NorthResult:
-    """Return the azimuth of table zero from recordings of a table that was not moved.
+    """Return the azimuth of table zero from recordings between which the table's base was not moved.
 
-    recordings: each with the name of its log. show: progress. Raises InputError for a missing node or axis,
-    a wrong unit, or too few stops.
+    recordings: recordings with the names of their logs. show: callback for progress. Raises InputError for a
+    missing node or axis, a wrong unit, or too few stops.
     """
     horizontal_earth_rate(math.radians(options.latitude_deg))
     requested = [(node, axis) for node in nodes for axis in options.axes]

@@ -75,9 +75,10 @@ class EarthRatePosterior:
     Attributes:
         rate: (2,) C and S, rad/s, without the constraint on their norm by latitude.
         rate_covariance: (2, 2); `UNMEASURED_VARIANCE` along a direction that was not measured.
-        angle_covariance: (2, 2) part of it that is due to the angles, if the gyro measured them.
+        angle_covariance: (2, 2) part of `rate_covariance` due to angle errors, if the gyro measured the
+            angles.
         azimuth, density: (G,) azimuths, rad, and their posterior density with the known norm.
-        drift: most likely drift.
+        drift: most likely drift noise.
         order: order of the polynomial for bias, ramp and bend.
     """
 
@@ -208,7 +209,7 @@ class _ScaleLikelihood:
     def estimate_rate(
         self, term: SufficientStatistics, level: float, basis: Array, v: Array
     ) -> tuple[Array, Array, Array]:
-        """Return C and S along `basis` without the norm constraint, their covariance, and that due to angles.
+        """Return C, S along `basis` without norm constraint, their covariance, and its part due to angles.
 
         level: variance of a white average. v: (2,) C and S about which the effect of the scale error is
         linearised.
@@ -231,7 +232,7 @@ class _ScaleLikelihood:
         )
 
     def estimate_level(self, term: SufficientStatistics) -> float:
-        """Return the variance of a white average: known, or from the residuals of the best C, S and scale."""
+        """Return the variance of a white average: given, or from the residuals of the best C, S and scale."""
         if self.level is not None:
             return self.level
         count = 4 if self.width else 2
@@ -257,7 +258,7 @@ class _ScaleLikelihood:
 def _rate_moments(
     likelihoods: Sequence[_ScaleLikelihood], weight: Array, azimuth: float
 ) -> tuple[Array, Array, Array]:
-    """Return mean and covariance of C, S over all drifts and scales, and the covariance due to angles.
+    """Return mean and covariance of C, S over all drifts and scales, and the part due to angles.
 
     weight: (scales * grid,) posterior weights. azimuth: most likely azimuth, rad. The norm is not
     constrained.
@@ -279,7 +280,8 @@ def _rate_moments(
     spread = np.average([one for _, one, _ in estimate], axis=0, weights=weight)
     angles = np.average([one for *_, one in estimate], axis=0, weights=weight)
     if len(likelihoods) > 1:
-        # The variation between scale errors is due to the angles (with a small part from the drift).
+        # The variation between scale errors is attributed to the angles; a small part of it is from the
+        # drift.
         angles, between = angles + between, np.zeros_like(between)
     covariance = basis @ (spread + between + angles) @ basis.T
     if not is_measured.all():

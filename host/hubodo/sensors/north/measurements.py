@@ -29,8 +29,8 @@ class Measurements:
     """The Earth rate measurements of one axis.
 
     Attributes:
-        averages: for the likelihood, one per record.
-        stops: of each record; empty for a carousel.
+        averages: averages of each record, for the likelihood.
+        stops: stops of each record; empty for a carousel.
         direction: angle of the first stop, rad.
         rates, rates_across: single estimates along `direction` and a quarter turn from it, rad/s.
         duration, elapsed: time of measurement, and time including turns, s.

@@ -48,8 +48,8 @@ class TableTurn:
     Attributes:
         first, last: index of the first sample and one past the last.
         rotation: (3,) rotation in node axes, rad.
-        path: (last - first, 3) cumulative rotation, rad.
-        sigma: of the turn angle without scale error, rad.
+        path: (last - first, 3) cumulative rotation within the turn, rad.
+        sigma: sigma of the turn angle without the scale error, rad.
     """
 
     first: int
@@ -78,10 +78,10 @@ def find_table_motion(
     """Return the motion of the table, with its angle relative to the first stop.
 
     t: (N,) s. gyro: (N, 3) rad/s. up: (3,) unit vector in node axes. scale_sigma: relative sigma of the
-    gyro's scale factor. step: rad, for a table that stops at multiples of it only; its angles are then
-    exact. max_rate: rad/s, at which samples are saturated. Raises InputError, with the time, if there is
-    no turn, for turns about another axis, angles that are not multiples of step, a gap in a turn, and a
-    turn too fast for the gyro.
+    gyro's scale factor. step: rad, for a table that only stops at multiples of this angle; its angles are
+    then exact. max_rate: rad/s, at which samples are saturated. Raises InputError, with the time, if there is
+    no turn, for turns about another axis, angles that are not multiples of step, a gap in a turn, and a turn
+    too fast for the gyro.
     """
     moving = _detect_motion(t, gyro)
     turns = _integrate_turns(t, gyro, moving)
@@ -163,7 +163,7 @@ def _find_significant_means(deviation: Array, width: int, min_rate: float) -> Ma
     steps = np.diff(means, axis=0)
     noise = float(np.linalg.norm(1.4826 * np.median(np.abs(steps), axis=0))) / np.sqrt(2)
     is_significant = np.linalg.norm(means, axis=1) > max(min_rate, TURN_SIGMA * noise)
-    # A turn that starts late within a mean is not detected in that mean, so neighbours are included.
+    # A turn that starts late within a mean is not detected there, so neighbouring means are included.
     extended = is_significant.copy()
     extended[:-1] |= is_significant[1:]
     extended[1:] |= is_significant[:-1]
@@ -222,7 +222,7 @@ def _integrate_turns(t: Array, gyro: Array, moving: Mask) -> list[TableTurn]:
     bias_samples, off_axis = round(TURN_BIAS_S / step), round(STOP_MARGIN_S / step)
     before, after, margin = {}, {}, {}
     for i, j in stops:
-        # Undetected slow ends of a turn belong to the turn, not to the bias.
+        # The slow ends of a turn, which are not detected, must not enter the bias.
         margin[i] = margin[j] = deviation = min(off_axis, (j - i) // 4)
         before[j] = gyro[max(i + deviation, j - deviation - bias_samples) : j - deviation].mean(axis=0)
         after[i] = gyro[i + deviation : min(j - deviation, i + deviation + bias_samples)].mean(axis=0)

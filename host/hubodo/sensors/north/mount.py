@@ -75,7 +75,7 @@ def estimate_mount(gyro: Array, accel: Array, axis: str) -> AxisMount:
 
 
 def vertical_earth_rate(mount: AxisMount, latitude: float) -> Array:
-    """Return the (N,) component of vertical Earth rate along the axis, rad/s, as the table tilts it.
+    """Return the (N,) component of vertical Earth rate along the axis, rad/s, due to its elevation.
 
     The elevation comes from the accelerometer, whose bias is constant and therefore acts like the gyro's.
     Zero for a node without accelerometer. latitude: rad.
@@ -111,7 +111,7 @@ def check_turn_direction(mount: AxisMount, t: Array, table: TableMotion) -> None
 
 
 def describe_table_tilt(mount: AxisMount, t: Array, table: TableMotion) -> list[str]:
-    """Return one line if the table's axis is tilted significantly from the vertical, else none."""
+    """Return one line if the table's axis is tilted significantly from the vertical, else no line."""
     covered = (t >= table.t[0]) & (t <= table.t[-1])
     angle = (table.angle_at(t) + mount.mounting_angle)[covered]
     elevation_sine = mount.elevation_sine[covered]

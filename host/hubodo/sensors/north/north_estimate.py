@@ -46,21 +46,25 @@ class NorthEstimate:
         method: "maytag", "maytag4", "carousel" or "east".
         azimuth, sigma: of table zero, clockwise from north, rad.
         earth_rate: test of the measured Earth rate against that of the latitude.
-        angle_sigma: part of sigma that is due to angles measured by the gyro itself, rad.
+        angle_sigma: part of sigma due to errors of angles that the gyro itself measured, rad.
         candidates: azimuths that the records cannot distinguish (two if all stops are along one line),
             rad.
         other_azimuth: the candidate that is as probable as `azimuth`, or nearly, rad; None if there is none,
             or an approximate azimuth was given.
         direction: angle of the first stop, rad.
         rates: single estimates of Earth rate along `direction`, rad/s (east seeking: each along its own
-            stop). rates_across: single estimates a quarter turn anticlockwise from it, rad/s. duration,
-        elapsed: time of measurement, and time including turns, s. horizontal_rate: Earth rate along the
-            axis when it points north, rad/s. bound: Cramér-Rao bound of sigma for the gyro's noise and
-            these stops, rad. white_bound: the same for white noise only, rad. posterior: posterior of
-            Earth rate and azimuth. filters: estimates of the classical filters, for one record. stops: of
-            each record.
-        averages: data of the likelihood, one per record. warnings: one line each. node, axis: name of the
-            node and of its gyro axis.
+            stop).
+        rates_across: single estimates a quarter turn anticlockwise from `direction`, rad/s.
+        duration, elapsed: time of measurement, and time including turns, s.
+        horizontal_rate: Earth rate along the axis when it points north, rad/s.
+        bound: Cramér-Rao bound of sigma for the gyro's noise and these stops, rad.
+        white_bound: the same for white noise only, rad.
+        posterior: posterior of Earth rate and azimuth.
+        filters: estimates of the classical filters, for one record.
+        stops: stops of each record.
+        averages: averages of each record, the data of the likelihood.
+        warnings: one line each.
+        node, axis: name of the node and of its gyro axis.
     """
 
     method: Method
@@ -88,7 +92,7 @@ class NorthEstimate:
 
     @property
     def name(self) -> str:
-        """Return node and axis."""
+        """Return node and axis as one name."""
         return f"{self.node} {self.axis}"
 
     def rate_components(self) -> tuple[Array, Array]:
@@ -205,7 +209,7 @@ def _describe_ambiguity(
     sigma: float,
     near: float | None,
 ) -> tuple[str, ...]:
-    """Return a line if two azimuths remain, and a line if the uncertainty is as large as the answer."""
+    """Return a line if two azimuths are possible, and a line if sigma is too large for a useful azimuth."""
     warnings = []
     azimuths = " and ".join(f"{np.degrees(c) % 360:.2f}" for c in candidates)
     if single_measured_direction(posterior) is not None:
@@ -284,9 +288,8 @@ def _white_bound(records: Sequence[Averages], n: float, azimuth: float, horizont
 
 
 def _finite_bound(bound: float) -> float:
-    """Return an azimuth bound, rad, or infinity if a guess would be as good.
+    """Return an azimuth bound, rad; infinity if it is no better than a guess.
 
-    The cosine of stops along a line to north or south is flat, so there its information is zero but for
-    rounding.
+    For stops along the north-south line the cosine is flat, so the information is zero up to rounding.
     """
     return bound if bound < UNIFORM_AZIMUTH_SIGMA else float("inf")

@@ -107,14 +107,14 @@ def _by_direction(residuals: NorthResiduals, angle: Any) -> list[tuple[float, fl
 
 
 def describe_white_bound(estimate: NorthEstimate) -> str:
-    """Return the azimuth sigma that white noise alone would give, in words."""
+    """Return a phrase with the azimuth sigma that white noise alone would give."""
     if not math.isfinite(estimate.white_bound):
         return "with stops along a line to north or south there is no Cramér-Rao bound"
     return f"white noise alone would give {estimate.white_bound * _DEG:.3f}°"
 
 
 def explain_sigma_below_bound(estimate: NorthEstimate) -> str:
-    """Return why sigma is below the Cramér-Rao bound, or "" if it is not."""
+    """Return the reason why sigma is below the Cramér-Rao bound, or "" if it is not."""
     if not estimate.sigma < estimate.bound < math.inf:
         return ""
     ratio = estimate.earth_rate.measured / estimate.earth_rate.demanded
@@ -145,7 +145,7 @@ def _bound_text(estimate: NorthEstimate) -> str:
 
 
 def estimate_rows(estimate: NorthEstimate, digits: int) -> list[tuple[str, str, str, str]]:
-    """Return name, rates and sigmas (°/h, with that many digits) and azimuth by each estimator."""
+    """Return name, rates and sigmas (°/h) and azimuth of each estimator; digits: decimals of the rates."""
 
     def row(name: str, rates: Iterable[float], sigmas: Iterable[float], azimuth: float | None) -> Any:
         cells = (", ".join(f"{v * _DEG_H:.{digits}f}" for v in values) for values in (rates, sigmas))

@@ -91,7 +91,7 @@ class StopPlan:
 def read_drift_noise(path: Path) -> DriftNoise:
     """Read N, B, K from the output of `hubodo allan --json`.
 
-    Raise InputError for another file or without N.
+    Raises InputError if the file is another one or lacks N.
     """
     noise = read_bias_noise(path)
     return DriftNoise(noise.angle_random_walk, noise.bias_instability, noise.rate_random_walk)

@@ -1,4 +1,4 @@
-"""Maytagging programmes: ergodicity of rate estimates, best stop length, number of stops, time needed."""
+"""Maytagging programmes: ergodicity of rate estimates, best stop length, number of stops, duration."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ class NorthResiduals:
         t: (M,) centre of each interval, s.
         earth: (M,) measured rate without bias and ramp, rad/s.
         model: (M,) modelled Earth rate, rad/s.
-        angle: (M,) of the sensing axis, rad.
+        angle: (M,) angle of the sensing axis, rad.
         residual: (M,) earth - model, including the drift, rad/s.
         whitened: (M,) residual whitened by the covariance of noise and drift; unit variance if the model
             holds.

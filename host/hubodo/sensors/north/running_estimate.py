@@ -43,7 +43,7 @@ class RunningEstimate:
         return Averages(*(np.concatenate(values) for values in zip(*fields, strict=True)))
 
     def azimuth(self) -> tuple[float, float] | None:
-        """Return azimuth of table zero and sigma, rad, or None with too few stops and no earlier ones."""
+        """Return azimuth of table zero and its sigma, rad; None with too few stops and no earlier records."""
         if self.stops < MIN_ESTIMATE_STOPS and not self._earlier:
             return None
         new_averages = [self.averages()] if self.stops >= MIN_ESTIMATE_STOPS else []

@@ -15,12 +15,12 @@ from hubodo.sensors.north.stops import TableMotion
 
 @dataclass
 class SimulatedTable:
-    """A simulated table under a gyro whose errors are a given record, played once.
+    """A simulated table with a gyro whose errors are a given record, used once from start to end.
 
     Attributes:
         gyro_error: (N,) rad/s at intervals of `dt` s.
-        azimuth: of table zero, rad.
-        latitude: rad.
+        azimuth: azimuth of table zero, rad.
+        latitude: latitude of the table, rad.
         turn_rate: speed of the table, rad/s; the record continues during turns.
         angle: current table angle, rad.
         position: index of the next sample.

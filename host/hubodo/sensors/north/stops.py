@@ -69,7 +69,7 @@ class Stops:
         angle: (S,) rad.
         mean: (S,) mean rate, rad/s.
         cut: time cut at the beginning and at the end of every stop, s.
-        scale_sigma, turn_sigma: of the angles, as in `TableMotion`.
+        scale_sigma, turn_sigma: sigmas of the angles, as in `TableMotion`.
         notes: one line for each stop excluded.
     """
 
@@ -150,7 +150,7 @@ def split_stops(
 def _stationary_spans(table: TableMotion) -> list[tuple[float, float, float]]:
     """Return (start, end, angle) of each run of stationary rows.
 
-    Raise InputError if the angle changes in it.
+    Raises InputError if the angle changes during a stop.
     """
     spans = []
     edges = np.flatnonzero(np.diff(table.moving.astype(int))) + 1
@@ -200,8 +200,8 @@ def _transient_time(
         level = float((((calm_means - calm_means.mean(axis=1)[:, None]) / sigma[:, None]) ** 2).mean())
         significant = np.flatnonzero(pooled > level * (1 + _TRANSIENT_SIGMA * np.sqrt(2 / len(parts))))
         last = max(last, int(significant[-1]) if len(significant) else -1)
-    # The undetected tail is systematic, because its sign follows the table's motion: cut twice the
-    # detected time.
+    # Twice the detected time is cut: the undetected tail is a systematic error, as its sign follows the
+    # table's motion.
     return min(max(MIN_STOP_CUT_S, 2 * (last + 1) * width * step), probe_samples * step)
 
 
@@ -231,7 +231,7 @@ def _drop_disturbed(
     spans: Sequence[tuple[int, int, float]],
     step: float,
 ) -> tuple[list[tuple[int, int, float]], list[str], float]:
-    """Return the stops in which the node was not hit, a line for each other, and the angle turned by blows.
+    """Return the stops without blows to the node, a line for each other stop, and the angle turned by blows.
 
     The angle, rad, is the largest by which a blow turned the table; more than BLOW_ANGLE is motion, which
     `_check_stationary` reports.
@@ -254,7 +254,7 @@ def _drop_disturbed(
 def _drop_noisy(
     t: Array, vertical: Array, spans: Sequence[tuple[int, int, float]]
 ) -> tuple[list[tuple[int, int, float]], list[str]]:
-    """Return the stops without those in which the table was disturbed, and a line for each of the latter."""
+    """Return the stops in which the table was undisturbed, and a line for each other stop."""
     noise = np.array([vertical[i:j].std() for i, j, _ in spans])
     noise_ratios = noise / max(float(np.median(noise)), 1e-300)
     stops, notes = [], []

@@ -18,7 +18,7 @@ def table_rate(t: Array, table: TableMotion) -> Array:
 
 
 def measure_table_lag(t: Array, vertical: Array, table: TableMotion) -> tuple[float, float]:
-    """Return the lag of table.csv against the node and its sigma, s; sigma is infinite if nothing shows it.
+    """Return the lag of table.csv relative to the node and its sigma, s; infinite if it is not observable.
 
     The rate that the vertical gyro measures minus that of the table is, to first order,
     bias + scale error * rate + lag * (change of the rate), so a turn that begins or ends shows the lag.

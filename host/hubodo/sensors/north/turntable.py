@@ -46,7 +46,7 @@ class Turntable(Protocol):
 
 
 class TablePort(Protocol):
-    """The interface of `serial.Serial` that is used."""
+    """The part of the interface of `serial.Serial` that is used."""
 
     def write(self, data: bytes) -> int | None: ...
 
@@ -85,13 +85,13 @@ class SerialTable:
             self._send(f"GOTO {target:.4f}", "OK")
             reached = self._wait_until_stopped(start_angle)
             for _ in range(MISS_CONFIRMATIONS):
-                # A late answer may refer to the time before the command.
+                # A late answer may be the position before the command.
                 if abs(reached - target) <= ANGLE_TOLERANCE_DEG:
                     break
                 self._wait(TABLE_POLL_S)
                 reached = self._wait_until_stopped(reached)
         except BaseException:
-            # Whatever went wrong, nobody supervises the table any more, so it must stop.
+            # After any error nothing supervises the table any more, so it must stop.
             with contextlib.suppress(LinkError):
                 self._send("STOP", "OK")
             raise
@@ -167,7 +167,7 @@ def _degrees(text: str) -> float:
 
 
 class ManualTable:
-    """A table with an angle scale that the user turns on request.
+    """A table with an angle scale, which the user turns on request.
 
     ask: shows a line and returns once the user has answered; raises EOFError if nobody can answer.
     """

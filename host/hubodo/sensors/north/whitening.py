@@ -63,10 +63,10 @@ def sufficient_statistics(
 ) -> list[SufficientStatistics]:
     """Return the sufficient statistics, summed over the pieces, at each point of the grid.
 
-    mean: mean interval, s. scale: scale error of the gyro at which angles are evaluated. order: of the
-    polynomial.
+    mean: mean interval, s. scale: scale error of the gyro at which angles are evaluated. order: order of the
+        polynomial.
     """
-    # Programmes repeat from record to record; rounding the times lets them share cached matrices.
+    # Programmes repeat from record to record; with rounded times they share cached matrices.
     keys = [np.round(np.stack([p.start, p.end]) - p.start[0], 4).tobytes() for p in pieces]
     columns = [piece.design_columns(scale) for piece in pieces]
     unit = round(mean, 4)

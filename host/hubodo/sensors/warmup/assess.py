@@ -15,7 +15,7 @@ from hubodo.sensors.warmup.whiteness import AutocorrelationTest, LjungBox, autoc
 
 # The sequences of the paper: ten of 10 s each; limited in samples to bound the run time.
 _SEQUENCES, _SEQUENCE_S, _MAX_SEQUENCE_SAMPLES = 10, 10.0, 2000
-# °C: smaller changes do not show a temperature coefficient.
+# °C; smaller changes of temperature do not determine a coefficient.
 _MIN_TEMPERATURE_SPAN = 1.0
 _PARAMETER_UNITS = {"time_constant": "s", "time_constant_second": "s", "temperature_coefficient": "rad/s/°C"}
 
@@ -108,7 +108,7 @@ def select_next_model(
     temperature: Array | None,
     age: float,
 ) -> AssessedFit | None:
-    """Return the best white model, else the least coloured one if significantly better, or None."""
+    """Return the best model with a white residual, else the least coloured if clearly better, or None."""
     kinds: list[WarmupKind] = ["two exponentials"]
     sample_temperatures = None
     if (

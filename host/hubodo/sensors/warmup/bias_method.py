@@ -33,7 +33,7 @@ class BiasMethodChoice:
 
     Attributes:
         chosen: "mean", "Kalman" or "RLS".
-        why: explanation for the user.
+        why: reason for the choice, for the user.
         errors: rms held-out error by method, rad/s.
         stretch: length of the predicted segment, s.
     """
@@ -90,7 +90,7 @@ def _run_kalman(values: Array, dt: float, constant: float) -> Array:
 
 
 def _run_rls(values: Array, width: int, factor: float) -> Array:
-    """Return the (N,) estimates by eq. 13 and 14, with the static bias from the first segment."""
+    """Return the (N,) estimates of rate + bias by eq. 13 and 14; the first segment gives the static bias."""
     static = float(values[:width].mean())
     return RecursiveLeastSquares(factor, bias=static).run(values) + static
 

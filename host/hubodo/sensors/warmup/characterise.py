@@ -15,7 +15,7 @@ from hubodo.sensors.warmup.assess import assess_fit, describe_next_model, select
 from hubodo.sensors.warmup.fit import WarmupFit, fit_warmup
 from hubodo.sensors.warmup.result import WarmupResult, next_model_reason
 
-# A warm-up is slow, so a few thousand block means contain all information about it.
+# A warm-up is slow, so a few thousand block means hold all information about it.
 _MAX_BLOCK_MEANS, _MIN_BLOCK_MEANS = 4000, 64
 _MIN_DURATION_S = 60.0
 _MIN_SIGNIFICANCE_SIGMA = 4.0
@@ -123,8 +123,8 @@ def _reason_not_determined(fit: WarmupFit, times: Array, means: Array) -> str:
     change = abs(c1 * math.expm1(-duration / constant))
     variance = fit.noise**2 * fit.variance_inflation
     improvement = (float(np.sum((means - means.mean()) ** 2)) - float(fit.residual @ fit.residual)) / variance
-    # Compared with a constant there are two more parameters, one of them searched over decades: require
-    # five sigma.
+    # Five sigma are required, because the curve has two parameters more than a constant, one of them searched
+    # over decades.
     if change < _MIN_SIGNIFICANCE_SIGMA * drift or improvement < 25.0:
         return (
             f"no significant warm-up: the bias drifts by {math.degrees(drift):.2g} deg/s over the record "
@@ -150,7 +150,7 @@ def _reason_not_determined(fit: WarmupFit, times: Array, means: Array) -> str:
 
 
 def _bias_drift(fit: WarmupFit, duration: float) -> float:
-    """Return the bias drift over the record without warm-up, rad/s: noise of the means, random walk."""
+    """Return the bias drift over the record, warm-up removed, rad/s: noise of the means and random walk."""
     tenths = [part.mean() for part in np.array_split(fit.residual, 10)]
     steps = float(np.mean(np.diff(tenths) ** 2))
     return math.sqrt(steps * (10.0 if fit.variance_inflation > 1.0 else 1.0))

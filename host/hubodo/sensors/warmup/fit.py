@@ -59,7 +59,7 @@ class WarmupFit:
         )
 
     def bias_sigma(self, t: Array, temperature: Array | None = None) -> Array:
-        """Return the bias sigma, (M,) rad/s, at t (M,) s due to the parameters, if the form is true."""
+        """Return the bias sigma, (M,) rad/s at t (M,) s, due to the parameters if the form is correct."""
         names = WARMUP_PARAMETERS[self.kind]
         parameters = [math.log(v) if n.startswith("time_constant") else v for n, v in self.values.items()]
         slope = _jacobian(t, names, np.array(parameters), temperature)
@@ -175,7 +175,7 @@ def _pack_parameters(names: tuple[str, ...], linear: Array, constants: tuple[flo
 
 def _build_model(names: tuple[str, ...], parameters: Array) -> WarmupModel:
     pairs = zip(names, parameters, strict=True)
-    # The limits of e^±60 s avoid overflow; no record determines such time constants.
+    # Limits of e^±60 s avoid overflow; no record determines such time constants.
     return WarmupModel(
         **{n: float(np.exp(np.clip(p, -60, 60)) if n.startswith("time_constant") else p) for n, p in pairs}
     )

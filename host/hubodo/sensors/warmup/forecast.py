@@ -41,8 +41,8 @@ class BiasForecast:
         t, means, temperature: (N,) s since power-on, rad/s, and °C or None, of the record.
         forms: fitted forms.
         weights: (F,) weights of the forms in the sigma, with sum 1.
-        mean_weights: (F,) weights of the forms in the bias, with sum 1: slow noise that the record does not
-            show widens the sigma, and leaves the bias as it would be without.
+        mean_weights: (F,) weights of the forms in the bias, with sum 1. Slow noise that the record does not
+            show increases the sigma but does not change the bias.
     """
 
     t: Array
@@ -66,7 +66,7 @@ class BiasForecast:
         return mean, np.sqrt(self.weights @ (variances + (means - mean) ** 2))
 
     def model_error(self, age: Array, bias: Array, temperature: Array | None = None) -> Array:
-        """Return the rms error, (M,) rad/s, of another model whose bias at these ages is `bias` (M,)."""
+        """Return the rms error, (M,) rad/s, of another model that predicts `bias` (M,) at these ages."""
         mean, sigma = self.predict(age, temperature)
         return np.hypot(sigma, bias - mean)
 
@@ -83,7 +83,7 @@ class BiasForecast:
     def _predict_form(
         self, form: FittedForm, factor: CholeskyFactor, age: Array, temperature: Array | None
     ) -> tuple[Array, Array]:
-        """Return bias and variance by one form, including the slow noise at that age."""
+        """Return bias and variance of one form, including the slow noise at that age."""
         temperatures, temperature_variance = temperature, 0.0
         if self.temperature is not None and temperature is None:
             temperatures = np.full(len(age), self.temperature[-1])

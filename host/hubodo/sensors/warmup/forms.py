@@ -108,9 +108,9 @@ class FittedForm:
     """A fitted form, linearised about its estimate.
 
     Attributes:
-        name: one of `WARMUP_FORMS`.
-        time_constants: s.
-        exponential_sizes: c1 of each exponential, rad/s, used in the derivative by its ln T.
+        name: name of the form, one of `WARMUP_FORMS`.
+        time_constants: time constants of the exponentials, s.
+        exponential_sizes: c1 of each exponential, rad/s, a factor of the derivative by ln T.
         mean, covariance: posterior of the coefficients of `columns`.
         noise: noise levels.
         evidence: logarithm of the marginal likelihood.
@@ -265,7 +265,10 @@ def _prior_form(name: str, record: _ScaledRecord, p: Array) -> tuple[FittedForm,
 def _posterior_form(
     name: str, record: _ScaledRecord, p: Array, factor: CholeskyFactor, evidence: float
 ) -> FittedForm:
-    """Return the form with the posterior of its coefficients; factor, evidence: of the means under p."""
+    """Return the form with the posterior of its coefficients.
+
+    factor: Cholesky factor of the covariance of the means under p. evidence: their log marginal likelihood.
+    """
     form, spread = _prior_form(name, record, p)
     exponential_count = _EXPONENTIAL_COUNT[name]
     log_constant_rows = slice(1 + exponential_count, 1 + 2 * exponential_count)

@@ -49,7 +49,10 @@ def summarise_warmup(result: WarmupResult) -> str:
 def parameter_rows(
     assessed: AssessedFit, sigmas: Mapping[str, float] | None = None
 ) -> list[tuple[str, str, str]]:
-    """Return name, value with sigma in SI, and in degrees or minutes; sigmas: replace those of the fit."""
+    """Return rows of parameter, value with sigma in SI, and the same in degrees or minutes.
+
+    sigmas: standard deviations to use in place of those of the fit.
+    """
     rows = []
     for name in WARMUP_PARAMETERS[assessed.fit.kind]:
         value, sigma = assessed.fit.values[name], (sigmas or assessed.fit.sigma)[name]

@@ -1,9 +1,9 @@
-"""Intervals of the warm-up's size and time constant from the profile likelihood, where sigmas say nothing.
+"""Intervals of a warm-up's size and time constant from the profile likelihood, where sigmas are not valid.
 
-Where noise hides the curve, the likelihood of c1 and T is not normal: a small T allows any curve that ends
-before the first means, a large one a straight line. The interval holds every value that the record does not
-exclude: 2 (log L_max - log L(value)) <= chi-square quantile, with the other parameters at their best (Venzon
-and Moolgavkar, Applied Statistics 37, 1988).
+Where noise hides the curve, the likelihood of c1 and T is not Gaussian: with a small T the curve ends before
+the first means, with a large T it is a straight line. The interval contains every value that the record does
+not exclude: 2 (log L_max - log L(value)) <= chi-square quantile, with the other parameters at their best
+(Venzon and Moolgavkar, Applied Statistics 37, 1988).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _MAX_TIME_CONSTANT_PER_SPAN = 30.0
 
 @dataclass(frozen=True)
 class ProfileIntervals:
-    """95 % intervals of c1 (rad/s) and of the time constant (s); None for an end that is open."""
+    """95 % intervals of c1 (rad/s) and of the time constant (s); None for an open end."""
 
     c1: tuple[float | None, float | None]
     time_constant: tuple[float | None, float | None]
@@ -38,7 +38,7 @@ class ProfileIntervals:
 def profile_intervals(t: Array, means: Array, variance: float) -> ProfileIntervals:
     """Return the intervals for means (N,) rad/s at ages t (N,) s.
 
-    variance: (rad/s)² of one mean, correlation included.
+    variance: variance of one mean, (rad/s)², including the effect of correlation.
     """
     span = float(t[-1] - t[0])
     shortest = max(2.0 * float(np.median(np.diff(t))), span / 300.0)
@@ -47,14 +47,15 @@ def profile_intervals(t: Array, means: Array, variance: float) -> ProfileInterva
     centred = fractions - fractions.mean(axis=1, keepdims=True)
     power = np.einsum("kn,kn->k", centred, centred)
     c1 = centred @ (means - means.mean()) / power
-    # The log likelihood of the best c1 and c2 at each time constant, relative to that of a constant bias.
+    # Log likelihood of the best c1 and c2 at each time constant, relative to that of a constant bias.
     gain = c1**2 * power / variance
     deficit = gain.max() - gain
     inside = np.flatnonzero(deficit <= _CHI_SQUARE_95)
     margin = np.sqrt(np.maximum(_CHI_SQUARE_95 - deficit[inside], 0.0) * variance / power[inside])
     low, high = float(np.min(c1[inside] - margin)), float(np.max(c1[inside] + margin))
     first, last = int(inside[0]), int(inside[-1])
-    # With a time constant far beyond the record, c1 is as large as the line is long.
+    # With a time constant far beyond the record the curve is a line, so c1 is unbounded as the time constant
+    # is.
     is_line = last == _TIME_CONSTANTS - 1
     return ProfileIntervals(
         (None if is_line and low < 0.0 else low, None if is_line and high > 0.0 else high),
@@ -66,7 +67,7 @@ def profile_intervals(t: Array, means: Array, variance: float) -> ProfileInterva
 
 
 def describe_intervals(intervals: ProfileIntervals) -> str:
-    """Return what the record says of c1 and time constant, in degrees and minutes."""
+    """Return the intervals of c1 and time constant as text, in degrees and minutes."""
     c1 = _describe_range(intervals.c1, math.degrees(1.0), "+.3g", "deg/s")
     constant = _describe_range(intervals.time_constant, 1.0 / 60.0, ".3g", "min")
     return f"c1 {c1}, time constant {constant} (95 % intervals)"

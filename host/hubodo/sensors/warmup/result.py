@@ -91,22 +91,22 @@ class WarmupResult:
 
     @property
     def values(self) -> Mapping[str, float]:
-        """Parameters (c1, c2, time_constant, ...) of the accepted model, rad/s and s; empty without one."""
+        """Return the accepted model's parameters (c1, c2, time_constant, ...), rad/s and s, or no entry."""
         return {} if self.accepted is None else self.accepted.fit.values
 
     @property
     def white(self) -> bool:
-        """True if the residual of the accepted model is white."""
+        """Return True if the residual of the accepted model is white."""
         return self.accepted is not None and self.accepted.is_white
 
     @property
     def report(self) -> WarmupResult:
-        """The result itself, for programs that read its parts through `report`."""
+        """Return the result itself, for programs that read its parts through `report`."""
         return self
 
     @property
     def name(self) -> str:
-        """Node and channel."""
+        """Return node and channel as one name."""
         return f"{self.node} {self.channel}".strip()
 
     def bias(self, age: float) -> tuple[float, float]:
@@ -180,7 +180,7 @@ class WarmupResult:
 
     @cached_property
     def bias_method(self) -> BiasMethodChoice | None:
-        """Return the best bias estimator after a standstill (mean or filter), beside the accepted model."""
+        """Return the best bias estimator after a standstill, judged with the accepted model removed."""
         record = self.record
         t = np.asarray(self.age + np.arange(len(record.values)) * record.dt, np.float64)
         values = record.values

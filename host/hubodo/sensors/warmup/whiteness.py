@@ -27,8 +27,8 @@ class AutocorrelationTest:
 
     Attributes:
         sequences, length: M and N.
-        lags: (L,) in samples.
-        autocorrelation: (L,) relative to R(0).
+        lags: (L,) lags in samples.
+        autocorrelation: (L,) autocorrelation relative to R(0).
         standard_error: 1 / sqrt(M N), the bound of the paper.
         share_within_one_sigma, share_within_two_sigma: share of the lags within one and two standard
             errors.
