@@ -1,7 +1,7 @@
 """Files that are written completely or not at all: first in a private folder, then moved to their name.
 
-The private folder lies beside the target, has a random name, and only its owner can enter it. So nobody with
-write access to a shared folder can place a link where a file is about to be written.
+The private folder is in the folder of the target, has a random name, and only its owner can enter it. So
+nobody with write access to a shared folder can place a link where a file is about to be written.
 """
 
 from __future__ import annotations

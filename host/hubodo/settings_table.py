@@ -1,4 +1,4 @@
-"""Settings dataclasses whose fields hold meaning, example and bounds beside type and default."""
+"""Settings dataclasses whose fields hold meaning, example and bounds in addition to type and default."""
 
 from __future__ import annotations
 

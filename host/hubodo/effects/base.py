@@ -71,8 +71,8 @@ def parameter(
     positive : True if negative values are invalid.
     default : value that makes the effect absent.
     max_magnitude : largest valid magnitude.
-    max_plausible : largest magnitude of a working sensor, mounting or vehicle; a fit beyond it shows another
-        cause. By default 20 times the scale, and infinite for a positive parameter.
+    max_plausible : largest magnitude of a working sensor, mounting or vehicle; a fit beyond it indicates
+        another cause. By default 20 times the scale, and infinite for a positive parameter.
     flips_with_facing : True if the parameter changes sign on a node that faces right. The y and z axes of
         such a node are negated, and so is a parameter with an odd number of indices y and z.
     fitted : False if a fit to a drive must not move the parameter.
@@ -212,7 +212,7 @@ class Effect:
 
     @classmethod
     def initial_guesses(cls) -> tuple[Self, ...]:
-        """Return starting points of a fit: the absent effect, once per guess of a nonlinear parameter."""
+        """Return starting points of a fit: zero effect, once for each guess of a nonlinear parameter."""
         return (cls(),)
 
     @classmethod

@@ -12,7 +12,7 @@ _CURVATURE_SPEED2 = 0.25  # (m/s)², c in `steering_rate`: keeps the curvature f
 
 def temperature_rate(chain: SensorChain) -> Array:
     """Return the derivative of the temperature, °C/s, smoothed according to the noise of the thermometer."""
-    # Imported here: it takes 0.5 s, and every command that knows effects would wait for it.
+    # Imported here, because the import takes 0.5 s and every command that uses effects would wait for it.
     from hubodo.smoothing_spline import fit_smoothing_spline
 
     edges = np.unique(np.searchsorted(chain.t, np.arange(chain.t[0], chain.t[-1], 0.5)))

@@ -47,7 +47,7 @@ class NodeMisalignment(Effect):
     @cached_property
     def rotation(self) -> Array:
         """Return the rotation matrix R(x, y, z), (3, 3)."""
-        # Imported here: it takes 0.1 s, and only simulated nodes need it.
+        # Imported here, because the import takes 0.1 s and only simulated nodes need it.
         from scipy.spatial.transform import Rotation
 
         return np.asarray(Rotation.from_rotvec([self.x, self.y, self.z]).as_matrix())

@@ -12,7 +12,7 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.errors import InputError
 
-# Loading takes a tenth of a second, which only a drive with fixes needs.
+# The import takes a tenth of a second, and only a drive with fixes needs it.
 if TYPE_CHECKING:
     from pyproj import Proj
     from pyproj.database import CRSInfo

@@ -111,14 +111,14 @@ def compute_wheel_odometry(
 ) -> WheelOdometry:
     """Return the track of one or two wheel nodes, starting at the heading that the log gives, else at 0.
 
-    A recording without the vehicle's nodes but with wheel speeds of another sensor gives the track of those
-    speeds; beside nodes the wheel filter uses them as measurements.
+    Wheel speeds of another sensor are measurements of the wheel filter; in a recording without the vehicle's
+    nodes they give the track alone.
 
     lag: s by which the samples used for a pose may be later than it; inf for the whole log. for_graph:
     whether a graph uses the whole log anyway; a slip that was detected late is then smoothed. calibration:
-    applied to the samples; what only the filter can use becomes its prior, as does the bias that a node's
-    firmware reported where the calibration has none. Raises InputError for missing nodes, two nodes on one
-    wheel, and a log that is too short, CalibrationError for a calibration of another node.
+    applied to the samples; parameters that only the filter can use become its prior, as does the bias
+    reported by a node's firmware if the calibration has none. Raises InputError for missing nodes, two nodes
+    on one wheel, and a log that is too short, CalibrationError for a calibration of another node.
     """
     if (
         recording.wheels is not None

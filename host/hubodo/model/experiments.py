@@ -163,7 +163,7 @@ def with_constant_inputs(experiment: Experiment, model: Model) -> Experiment:
 
 
 def node_effects(model: Model, node: str, experiment: Experiment) -> tuple[Effect, ...]:
-    """Return the effects of a node in an experiment; a bench has none of wheels and vehicle."""
+    """Return the effects of a node in an experiment; on a bench those of wheels and vehicle are left out."""
     effects = model.effects_of(node)
     return tuple(e for e in effects if e.level == "node") if experiment.on_bench else effects
 
@@ -272,5 +272,5 @@ def _stamps(duration: float, rate: float) -> Array:
 
 
 def _generator(seed: int, node: str, purpose: str) -> np.random.Generator:
-    """Return the random generator of a node for one purpose, independent of all others."""
+    """Return the random generator of a node for one purpose; all generators are independent."""
     return np.random.default_rng([seed, *node.encode(), 0, *purpose.encode()])

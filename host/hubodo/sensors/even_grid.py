@@ -34,7 +34,7 @@ class EvenGrid:
     """A record on an even grid.
 
     Attributes:
-        values: (N,) samples, 0 where none is present.
+        values: (N,) samples, 0 where a sample is missing.
         present: (N,) bool.
         dt: sample interval, s.
         start: time of the first sample, s.

@@ -210,7 +210,7 @@ def _estimate_delay(
 
 
 def _replace_prior(graph: FactorGraph, prior: ConstantsPriorFactors) -> FactorGraph:
-    """Return the graph with another prior of the constants."""
+    """Return the graph with a new prior of the constants."""
     return FactorGraph(
         tuple(prior if isinstance(factor, ConstantsPriorFactors) else factor for factor in graph.factors)
     )

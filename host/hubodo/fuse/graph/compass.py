@@ -131,7 +131,7 @@ def _with_iron(constants: ConstantSigmas, hard: float, soft: float) -> ConstantS
 
 
 def _declared_sigma(headings: Headings, config: GraphConfig) -> Array:
-    """Return the sigma of each heading, rad, that of the settings where none is declared."""
+    """Return the sigma of each heading, rad: as declared, else that of the settings."""
     declared = np.full(len(headings.t), np.nan) if headings.sigma is None else np.asarray(headings.sigma)
     return np.where(np.isfinite(declared) & (declared > 0.0), declared, config.heading_sigma)
 

@@ -28,7 +28,7 @@ class FactorGraph:
         return total_cost(self.linearise(poses, constants))
 
     def find_group(self, kind: type[Kind]) -> Kind | None:
-        """Return the factors of a kind, None without any."""
+        """Return the factors of a kind; None if there are none."""
         return next((factor for factor in self.factors if isinstance(factor, kind)), None)
 
     def with_losses(self, loss_of: Callable[[FactorGroup], Loss]) -> FactorGraph:

@@ -187,7 +187,7 @@ class LiveGraph:
         )
 
     def _insert_sample(self, t: float, sample: Fixes | SensorSamples) -> SampleStatus:
-        """Insert a sample by time and process what the odometry has reached."""
+        """Insert a sample by time, and process all samples up to the newest odometry."""
         if self._running is not None and t <= self._running.window.pose_t[-1] + _SAME_TIME_TOLERANCE:
             return SampleStatus.TOO_LATE
         position = len(self._pending)

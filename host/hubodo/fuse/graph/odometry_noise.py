@@ -233,7 +233,7 @@ def _average_modes(sections: list[_SectionModel]) -> Array:
 def _minimise_cost(
     sections: list[_SectionModel], start: Array, bounds: list[tuple[float, float]]
 ) -> OptimizeResult:
-    # Loading takes a quarter of a second, which only a drive with fixes needs.
+    # The import takes a quarter of a second, and only a drive with fixes needs it.
     """Minimise the negative log posterior from one start."""
     from scipy.optimize import minimize
 

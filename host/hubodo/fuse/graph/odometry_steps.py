@@ -38,7 +38,8 @@ def check_odometry(path: Track) -> None:
 class StepNoise:
     """Random errors of an odometry without a covariance of its own; 1 sigma.
 
-    Odometry of a real car beside RTK showed 0.01 to 0.05 m/√m along and 0.01 to 0.1 m/√m across. These are
+    Odometry of a real car, compared with RTK, showed 0.01 to 0.05 m/√m along and 0.01 to 0.1 m/√m across.
+    These are
     initial values: odometry_noise.py estimates factors on them.
 
     Attributes
@@ -174,7 +175,7 @@ def _segment_covariance(
 ) -> Array:
     """Return the sum of J Q J' over the steps of each segment.
 
-    Q is the covariance of a step in its own axes; J rotates these axes and moves what comes after the step.
+    Q is the covariance of a step in its own axes; J propagates it to the end of the segment.
     """
     if noise.relative_error > 0.0:
         step_duration, total_turn = (

@@ -130,7 +130,7 @@ def build_result(
 
 
 def _odometry_speed(path: Track) -> Array:
-    """Return the odometry's own speed, (N,) m/s, or the rate of its steps where it has none.
+    """Return the speed of the odometry, (N,) m/s, computed from its steps if it has none.
 
     Differences of fused positions would contain their corrections, also at standstill.
     """

@@ -44,9 +44,9 @@ class Solution:
     ----------
     poses : (n, 3) x, y, heading.
     constants : (N_CONSTANTS,).
-    cost : at the optimum.
+    cost : cost at the optimum.
     iterations : number of iterations.
-    converged : whether they ended before the maximum.
+    converged : whether the iterations ended before their maximum number.
     covariance : (n, 3, 3) of each pose; empty unless asked for.
     start_covariance : (n, 3, 3) of pose k with pose 0; empty unless asked for.
     constants_covariance : (N_CONSTANTS, N_CONSTANTS); empty unless asked for.

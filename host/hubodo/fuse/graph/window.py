@@ -81,8 +81,8 @@ def marginalise_first_poses(graph: FactorGraph, poses: Array, constants: Array, 
     """Return the graph of poses `count` on, with a prior in place of earlier factors.
 
     The prior is of pose `count` and the constants. The earlier factors are linearised at the present estimate
-    and keep their present weights for good. Their rows, ordered by pose, next pose and constants, are brought
-    to triangular form (Householder QR): the rows below those of the marginalised pose do not depend on it and
+    and their weights are frozen. Their rows, ordered by pose, next pose and constants, are brought to
+    triangular form (Householder QR): the rows below those of the marginalised pose do not depend on it and
     hold all information on the rest (Dellaert and Kaess 2006, section 3).
     """
     marginalised = graph.select_poses(0, count)

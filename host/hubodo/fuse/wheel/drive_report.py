@@ -39,7 +39,7 @@ good gyro leaves in a drive."""
 
 @dataclass(frozen=True)
 class WheelReport:
-    """Parameters learnt from a drive, and what happened in it.
+    """Report of a drive: parameters learnt, counts, slips, outages and warnings.
 
     Attributes
     ----------

@@ -78,7 +78,7 @@ class FilterOutput:
 
     Attributes
     ----------
-    poses : of the windows they completed.
+    poses : poses of the windows that the samples completed.
     n_rejected : number of samples left out because their time did not increase or their node is on no wheel.
     """
 

@@ -370,8 +370,8 @@ class FilterCore(WindowProcessor):
     def _apply_verdict(self, distrusted: float) -> None:
         """Restrict the wheels by the verdict of the mounting check.
 
-        distrusted: side of the wheel, +1 or -1, or BOTH_WHEELS. Its errors may already be in the state, which
-        is inflated.
+        distrusted: side of the wheel, +1 or -1, or BOTH_WHEELS. Its errors may already be in the position,
+            whose covariance is inflated.
         """
         check = self.mounting_check
         distance = 2.0 * max(abs(distance) for distance in check.wheel_distances)

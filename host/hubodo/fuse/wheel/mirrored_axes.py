@@ -64,7 +64,7 @@ def is_mirrored(node: WheelNode, table: Table) -> bool:
 
 
 def _blocks(t: Array, angle: Array, spin: Array, gyro_limit: float) -> list[slice]:
-    """Return the slices of samples in which the wheel made `_TURNS_PER_BLOCK` turns one way, without gaps."""
+    """Return the slices of samples, without gaps, of `_TURNS_PER_BLOCK` wheel turns in one direction."""
     blocks: list[slice] = []
     start = 0
     turned = 2.0 * np.pi * _TURNS_PER_BLOCK

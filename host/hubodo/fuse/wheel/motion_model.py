@@ -114,7 +114,7 @@ class MotionModel:
         p[changing] = new_rows
         p[:, changing] = new_rows.T
         p.ravel()[self._crossings] = new_rows.dot(rows.T)
-        # A vehicle slips sideways, across its course.
+        # Lateral slip moves the vehicle across its heading.
         slip_variance = self._lateral_slip * abs(chord)
         self._walk[at_x], self._walk[at_y] = slip_variance * sin * sin, slip_variance * cos * cos
         p[at_x, at_y] -= slip_variance * sin * cos

@@ -252,7 +252,7 @@ class MountingCheck:
         return f", they fit {width:.2g} m better"
 
     def _check_mounting(self) -> float | None:
-        """Return the side to distrust if another mounting explains the yaw rate much better."""
+        """Return the side to distrust if an undeclared mounting explains the yaw rate much better."""
         best_mounting = self.yaw_residual_squares.index(min(self.yaw_residual_squares))
         is_explained = self.yaw_residual_squares[best_mounting] < _MAX_YAW_RMS**2 * self.count
         if (

@@ -224,7 +224,7 @@ class OutageBridge:
         """Return x, y and heading after the outage, their derivatives by the inputs, and noise (3, 3)."""
         speed, speed_by, speed_covariance = self._speed.given_integral(path.values[0])
         yaw, yaw_by, yaw_covariance = self._yaw.given_integral(path.values[1])
-        # Trapezoidal rule for the heading at each time.
+        # Heading at each time by the trapezoidal rule.
         step = 2.0 * self._speed.weights[0]
         integrate = step * (np.tri(len(yaw)) - 0.5 * np.eye(len(yaw)))
         integrate[:, 0] -= 0.5 * step

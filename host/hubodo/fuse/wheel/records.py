@@ -132,7 +132,7 @@ class History:
     """A ring buffer of the newest step records, for rollback and smoothing.
 
     A replay restores the states at the start of a step and processes the windows since then again. It
-    reproduces only what the windows themselves do, so any other change of the state is a barrier.
+    reproduces only changes by the windows themselves, so any other change of the state is a barrier.
     """
 
     def __init__(self, n_steps: int) -> None:

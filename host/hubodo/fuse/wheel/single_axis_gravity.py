@@ -1,7 +1,7 @@
 """Rotation of gravity in samples of which one accelerometer axis may be saturated.
 
 On a fast wheel the centripetal force on the lever arm saturates the axis along the arm, while the axis at
-right angles to it still measures gravity. Each axis of each sample counts by itself:
+right angles to it still measures gravity. Each axis of each sample is used separately:
 
     fx = a cos φ + b sin φ,    fy = b cos φ - a sin φ,    φ = carrier + u t + s t²/2
 

@@ -1,9 +1,9 @@
 """Slip detection for one wheel: its own acceleration against the specific force at its hub.
 
-A wheel that slips, or hangs in the air, changes its speed by itself, while its accelerometer measures what
-the vehicle does. The residual of the forward measurement is summed over windows of several lengths, up to
-six seconds; each sum is compared with its variance, and the most significant one tells when the slip began
-(generalised likelihood ratio test of a jump at unknown time, Willsky and Jones 1976).
+A wheel that slips, or hangs in the air, changes its speed independently of the vehicle, whose acceleration
+its accelerometer measures. The residual of the forward measurement is summed over windows of several lengths,
+up to six seconds; each sum is compared with its variance, and the most significant one tells when the slip
+began (generalised likelihood ratio test of a jump at unknown time, Willsky and Jones 1976).
 """
 
 from __future__ import annotations

@@ -83,7 +83,7 @@ class Wheel:
 
     Attributes
     ----------
-    columns : column of each of its own and the vehicle's entries.
+    columns : state column of each entry of the wheel and of the vehicle.
     view : its present window, evaluated for the measurements.
     best_mode : mode that the mounting check allows.
     is_slipping : True if it slips in the present window, by the slip schedule.

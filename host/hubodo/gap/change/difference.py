@@ -1,4 +1,4 @@
-"""Candidates for a change between two logs, judged by what a value for each log gains over a common one.
+"""Candidates for a change between two logs, judged by the gain of separate values over a common one.
 
 An effect that the model lacks in both logs, with the same value, is no change. Where residuals are
 correlated, a change has to gain on folds of time to which it was not fitted.

@@ -29,8 +29,8 @@ from hubodo.gap.state.terms import ALL, ModelTerm
 _MAX_CHANGES = 6
 # Iterations of the fits of the separate terms at the start of a round, and of a remounted sensor.
 _START_ITERATIONS, _REMOUNTED_ITERATIONS = 3, 8
-# Scatter of the block scores beside the best single change, relative to independent noise, from which on
-# several things have changed at once. Roads reach 15.
+# Scatter of the block scores with the best single change in the model, relative to independent noise, from
+# which on several effects have changed at once. Roads reach 15.
 _MIN_SEVERAL_TEMPERING = 50.0
 # Fraction of the gain of a remounted sensor below which another change may be an error of modelling it.
 _MIN_SHARE_BESIDE_REMOUNT = 1e-3

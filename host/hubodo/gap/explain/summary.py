@@ -25,7 +25,7 @@ _DISPLAY_UNITS: Mapping[str, tuple[float, str]] = {
     "s": (1e3, "ms"),
     "1e-6": (1.0, "ppm"),
 }
-# Factor and unit of an angle or its rate beside the SI value.
+# Factor and unit of an angle or its rate, given in addition to the SI value.
 _ANGLE_UNITS = {unit: _DISPLAY_UNITS[unit] for unit in ("rad", "rad/s", "rad/s/°C")}
 _SURE_CONFIDENCE = 0.9
 # Largest growth of the held-out gap that is ignored.

@@ -1,4 +1,4 @@
-"""Held-out samples: segments of another driving condition than those fitted, not just a later part."""
+"""Held-out samples: segments with a driving condition that is not fitted, rather than a later part."""
 
 from __future__ import annotations
 

@@ -27,8 +27,8 @@ _MAX_GAIN_RATIO, _MAX_EXTRA_GAIN = 20.0, 20.0
 # Held-out gain, in sigma and as a share of the gain, that a hypothesis needs where residuals are correlated;
 # in white noise the likelihood suffices.
 _MIN_HELD_OUT_Z, _MIN_HELD_OUT_SHARE = 2.5, 0.3
-# Held-out gain that a property of the vehicle needs, in sigma of a noise level that differs from stretch to
-# stretch, as roads do. Offsets and clocks need none, as they differ from drive to drive. The larger value is
+# Smallest held-out gain of a property of the vehicle, in sigma due to a noise level that varies along the
+# road. There is no such limit for offsets and clocks, which differ from drive to drive. The larger value is
 # for unnamed terms; the smaller one grows with the coordinates beyond those of a triad.
 _MIN_LEVEL_SIGMAS, _MIN_LEVEL_SIGMAS_UNNAMED, _TRIAD_SIZE = 0.45, 1.3, 3
 # Smallest share of the gain that the plausible coordinates of an effect must have alone.

@@ -18,7 +18,7 @@ from hubodo.gap.state.terms import ModelTerm
 # Largest number of replacements; each costs a round for every effect.
 _MAX_REPLACEMENTS = 6
 # With more effects than this, only those are reconsidered that were added provisionally, lost half of their
-# gain, were found beside an effect since removed, or are library terms: each costs one round.
+# gain, were added next to an effect that has been removed since, or are library terms: each costs one round.
 _MAX_FULL_RECONSIDERATION, _MIN_GAIN_SHARE = 4, 0.5
 # Largest number of effects that are tried together instead of a random walk.
 _MAX_WALK_REPLACEMENTS = 3
@@ -47,7 +47,7 @@ def reconsider_effects(
     )
     keys = [term.key for term in effects.terms]
     if len(keys) == 1 and keys[0] in effects.original_rounds and not result.used_decimation and not accept:
-        # A single effect was already judged beside all others.
+        # A single effect has already been judged with all others in the model.
         return result, {keys[0]: effects.original_rounds[keys[0]]}
     reconsideration = _Reconsideration(accept, reject, observer or SearchObserver())
     rounds, revised = reconsideration.run_pass(effects)

@@ -1,4 +1,4 @@
-"""Directions of terms: coordinates of the model that move together, and terms moved along them."""
+"""Directions of terms, which are sets of coordinates that change together, and steps along them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hubodo.gap.linear.sensitivity import Direction
 from hubodo.gap.problem.problem import Problem
 from hubodo.gap.state.terms import ALL, VEHICLE, ModelTerm
 
-# Halvings of a step to impossible parameters before it is rejected.
+# Number of halvings of a step to impossible parameters before it is rejected.
 _MAX_HALVINGS = 8
 
 

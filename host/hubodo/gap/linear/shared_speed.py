@@ -15,7 +15,7 @@ from hubodo.gap.state.measured_speed import average_speed_errors, build_measurin
 from hubodo.gap.state.state import Effects, State, stack_channels
 from hubodo.model.inputs import ExtraSpeed, MotionCorrection, SpeedCorrection
 
-# m/s and m/s²; step of the finite difference.
+# Steps of the finite differences, m/s and m/s².
 _SPEED_STEP = 1e-5
 
 

@@ -1,4 +1,4 @@
-"""Check that a log can belong to a model, and list of what the log cannot show."""
+"""Check that a log can belong to a model, and list of properties that the log cannot show."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _MIN_SPEED, _MIN_YAW_RATE, _MIN_TEMPERATURE_CHANGE, _MIN_SUPPLY_CHANGE = 0.05, 0
 def check_plausibility(
     nodes: Sequence[NodeData], inputs: MotionInputs, speed_sources: Sequence[str], log_name: str
 ) -> list[str]:
-    """Return what a log cannot show, one line each.
+    """Return the properties that a log cannot show, one line each.
 
     Raises InputError if signs, sides or units of the log contradict the model, or the inputs are of another
     drive.

@@ -18,7 +18,7 @@ from hubodo.vehicle import facing_sign
 WINDOW_DURATION = 0.5
 # rad²; phases with more are not used for unwrapping.
 _MAX_UNWRAP_VARIANCE = 0.05
-# ln likelihood by which another walk has to beat the declared one.
+# Smallest gain of ln likelihood of a walk over the declared one.
 _MIN_WALK_GAIN = 4.0
 # Singular value of the normalised trends below which they count as linearly dependent.
 _MIN_TREND_SIZE = 0.01
@@ -56,7 +56,7 @@ def estimate_phases(
     accel_sigma: m/s²
 
     Least squares of fx + i s fy = offset + e^(-i phase) · prediction in each window, s: facing sign. The
-    offset absorbs lever arm and bias, within what is usual at that spin.
+    offset absorbs lever arm and bias, up to their usual size at that spin.
     """
     facing = facing_sign(node.mount.facing or "left")
     measured = node.y[3] + 1j * facing * node.y[4]

@@ -179,7 +179,7 @@ def _stack_rows(segment: NodeSegment, samples: slice) -> NDArray[np.float32]:
 def _remove_free_walk(
     columns: NDArray[np.float32], noise_column: NDArray[np.float32], before: Array
 ) -> Array:
-    """Subtract from the columns, (W, M, P), what a free walk with column `answer`, (W, M), explains of them.
+    """Subtract from the columns, (W, M, P), their projection onto a free walk with column `answer`, (W, M).
 
     Return that walk in each window, (W, P); without data it keeps its previous value, `before` at first. A
     column may turn the wheel by many turns over a log; subtracting that before forming products avoids

@@ -43,7 +43,7 @@ _MAX_WEIGHT_UPDATES = 5
 class Refit:
     """Result of a fit; K: coordinates of the free terms, in scales.
 
-    evaluation: at the end of the fit
+    evaluation: evaluation at the end of the fit
     free_terms: the terms that were fitted
     covariance: (K, K), for independent samples
     robust_covariance: (K, K), from the scatter of the block scores

@@ -199,7 +199,7 @@ def _find_tone(data: _TargetData) -> Iterator[Shape]:
 
 
 def _find_step(data: _TargetData) -> tuple[float, float]:
-    """Return the time, s, and the gain of a level change over one common level."""
+    """Return the time, s, of the best level change, and its gain over a constant level."""
     cumulative, weight = np.cumsum(data.along), np.cumsum(data.square)
     interior = slice(_STEP_MARGIN_SAMPLES, -_STEP_MARGIN_SAMPLES)
     left, right = weight[interior], weight[-1] - weight[interior]

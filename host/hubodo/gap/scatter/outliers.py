@@ -86,7 +86,7 @@ def detect_outliers(residuals: Sequence[Residual]) -> list[Proposal]:
 
 
 def find_spiky_channels(residual: Residual) -> list[tuple[int, int, float]]:
-    """Return channels with outliers of their own: row, number and median size in sigma."""
+    """Return channels with outliers that the other channels lack: row, number and median size in sigma."""
     channels = _standardise_channels(residual)
     if _are_uniform(channels) and _are_isolated(channels):
         return []

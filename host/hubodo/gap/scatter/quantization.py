@@ -1,4 +1,4 @@
-"""Quantization of gyro readings whose lattice step is coarse enough to matter beside the noise."""
+"""Quantization of gyro readings whose lattice step is not negligible compared with the noise."""
 
 from __future__ import annotations
 
@@ -67,8 +67,9 @@ def find_lattice_step(residual: Residual) -> float:
 def _rounding_gain(residual: Residual, step: float) -> float:
     """Return ln likelihood with the rounding variance, step²/12, minus that with the declared noise alone.
 
-    The lattice is certain; the question is whether it matters. If the noise exceeds its declaration for other
-    reasons, the gain is limited to what the step can explain, and is 0 where other reasons dominate.
+    The existence of the lattice is certain; the test is whether it affects the readings. If the noise exceeds
+    its declaration for other reasons, the gain is limited to what the step can explain, and is 0 where other
+    reasons dominate.
     """
     total, expected = 0.0, 0.0
     for row in np.flatnonzero(residual.node.used[:3]):

@@ -100,7 +100,7 @@ def build_chain(node: NodeData, reading: NodeReading) -> SensorChain:
 def _fit_term(
     node: NodeData, chain: SensorChain, expression: str, z: Array, weight: Array, edges: NDArray[np.intp]
 ) -> UnnamedTerm | None:
-    """Fit a term to the channels of a node whose evidence it increases; `edges`: first samples of blocks."""
+    """Fit a term to the channels of a node on which it gains enough; `edges`: first samples of blocks."""
     basis = np.stack(evaluate_term(expression, chain))
     size = np.sqrt([[np.mean(column**2)] for column in basis])
     if not np.all(size > 0.0):

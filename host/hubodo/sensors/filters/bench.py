@@ -11,11 +11,11 @@ from hubodo.arrays import Array
 from hubodo.sensors.filters.candidates import (
     FilterCandidate,
     StaticState,
-    kalman,
-    moving_average,
-    raw,
-    recursive_least_squares,
-    six_state,
+    kalman_candidate,
+    moving_average_candidate,
+    raw_candidate,
+    recursive_least_squares_candidate,
+    six_state_candidate,
 )
 from hubodo.sensors.filters.reference import measure_delay
 from hubodo.sensors.filters.result import FilterScore
@@ -51,21 +51,24 @@ class FilterBench:
     def tuned_candidates(self) -> list[FilterCandidate]:
         """Return every filter, with constants that minimise the error of the first half."""
         initial = self.initial
-        averages = [moving_average(initial, width) for width in _WIDTHS]
-        gains = [kalman(initial, gain) for gain in _RATE_GAINS]
+        averages = [moving_average_candidate(initial, width) for width in _WIDTHS]
+        gains = [kalman_candidate(initial, gain) for gain in _RATE_GAINS]
         best_gain = self._best(gains)
         if self.truth is not None:
             rate_gain = best_gain.constants["rate_gain"]
             best_gain = self._best(
-                [best_gain, *(kalman(initial, rate_gain, rate_gain * ratio) for ratio in _BIAS_GAIN_RATIOS)]
+                [
+                    best_gain,
+                    *(kalman_candidate(initial, rate_gain, rate_gain * ratio) for ratio in _BIAS_GAIN_RATIOS),
+                ]
             )
-        forgetting = [recursive_least_squares(initial, factor) for factor in _FORGETTING_GRID]
-        derivatives = [six_state(initial, value) for value in _HIGHEST_DERIVATIVES]
+        forgetting = [recursive_least_squares_candidate(initial, factor) for factor in _FORGETTING_GRID]
+        derivatives = [six_state_candidate(initial, value) for value in _HIGHEST_DERIVATIVES]
         return [
-            raw(initial),
+            raw_candidate(initial),
             self._best(averages),
             best_gain,
-            *(recursive_least_squares(initial, factor) for factor in _PAPER_FORGETTING_FACTORS),
+            *(recursive_least_squares_candidate(initial, factor) for factor in _PAPER_FORGETTING_FACTORS),
             self._best(forgetting),
             self._best(derivatives, self._tuning_part()),
         ]

@@ -92,13 +92,13 @@ class FilterCandidate:
         return min(elapsed) / len(values)
 
 
-def raw(initial: StaticState) -> FilterCandidate:
+def raw_candidate(initial: StaticState) -> FilterCandidate:
     """Return the candidate that only subtracts the static bias."""
     bias = initial.bias
     return FilterCandidate("raw", {}, lambda z: z - bias, {"filter_kind": 0}, lambda: lambda z: z - bias)
 
 
-def moving_average(initial: StaticState, width: int) -> FilterCandidate:
+def moving_average_candidate(initial: StaticState, width: int) -> FilterCandidate:
     """Return the candidate that averages the last `width` samples, the baseline of every filter."""
 
     def run(z: Array) -> Array:
@@ -121,7 +121,9 @@ def moving_average(initial: StaticState, width: int) -> FilterCandidate:
     return FilterCandidate("moving average", {"width_samples": float(width)}, run, None, new_update)
 
 
-def kalman(initial: StaticState, rate_gain: float, bias_gain: float | None = None) -> FilterCandidate:
+def kalman_candidate(
+    initial: StaticState, rate_gain: float, bias_gain: float | None = None
+) -> FilterCandidate:
     """Return the constant-gain Kalman filter [rate, bias] with the gains that the node can hold.
 
     rate_gain, bias_gain: k1 g and k2 g per sample; without the latter, the default of the node.
@@ -152,7 +154,7 @@ def kalman(initial: StaticState, rate_gain: float, bias_gain: float | None = Non
     )
 
 
-def recursive_least_squares(initial: StaticState, forgetting: float) -> FilterCandidate:
+def recursive_least_squares_candidate(initial: StaticState, forgetting: float) -> FilterCandidate:
     """Return the RLS filter with a forgetting factor that the node can hold."""
     low, high = _FORGETTING_Q20_RANGE
     forgetting_q20 = min(max(round(forgetting * _FORGETTING_UNIT), low), high)
@@ -170,7 +172,7 @@ def recursive_least_squares(initial: StaticState, forgetting: float) -> FilterCa
     )
 
 
-def six_state(initial: StaticState, highest_derivative: float) -> FilterCandidate:
+def six_state_candidate(initial: StaticState, highest_derivative: float) -> FilterCandidate:
     """Return Barshan's six-state filter; its bias follows eq. 6 alone, without noise.
 
     highest_derivative: noise of the third derivative of the orientation, rad/s^3. With the printed noise a

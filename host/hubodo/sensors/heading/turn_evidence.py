@@ -42,7 +42,8 @@ def turn_evidence(
     """Return the log likelihood of a bias as a function of (M,) biases, rad/s; None for a short record.
 
     t: (N,) s. rate: (N,) about the vertical, rad/s. triads: the horizontal channels (N, C) of gyro and
-    accelerometer, with the usual amplitude of what turns with the heading. spans: index ranges with a
+    accelerometer, with the usual amplitude of the component that rotates with the heading. spans: index
+    ranges with a
     constant rate. max_bias: rad/s.
     """
     step = float(np.median(np.diff(t)))

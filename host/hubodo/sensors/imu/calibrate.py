@@ -254,7 +254,7 @@ def _calibrate_by_earth_rate(
         notes.append(f"gyro misalignments by the symmetric convention alone: {error}")
         return GyroCalibration(calibration.triad, calibration.full_covariance, np.ones(9, bool), method)
     triad = rotate_triad(calibration.triad, alignment.angle)
-    # A small rotation adds [angle x]' to the symmetric part of M.
+    # A rotation by a small vector `angle` adds [angle x]' to the symmetric M.
     jacobian = np.zeros((12, 3))
     for k, e in enumerate(np.eye(3)):
         jacobian[3:, k] = ((rotate_triad(triad, 1e-6 * e).matrix - triad.matrix) / 1e-6).ravel()

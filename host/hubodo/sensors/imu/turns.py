@@ -237,8 +237,8 @@ def turn_errors(
 def calibrate_from_turns(turns: Turns, bias_sigma: Array) -> TurnCalibration:
     """Estimate M of the gyros and a bias correction with the prior sigma `bias_sigma` (3,), rad/s.
 
-    Raises CalibrationError if there are too few turns, if they determine no element of M, or if the gyros
-    are in another unit.
+    Raises CalibrationError if there are too few turns, if they determine no element of M, or if the unit of
+    the gyros is wrong.
     """
     is_large = turns.angle > MIN_TURN_ANGLE
     dropped = [f"turn {k + 1}: the gyro was clipped" for k in turns.number[turns.clipped & is_large]]

@@ -53,7 +53,7 @@ class EarthRateTest:
 
     @property
     def is_earth_rate(self) -> bool:
-        """Return False if the measured rate is too far off to be Earth rate at any latitude nearby."""
+        """Return False if the measured rate contradicts the latitude by a factor of three or more."""
         return not self.is_contradicted or 1 / 3 < self.measured / self.demanded < 3
 
 

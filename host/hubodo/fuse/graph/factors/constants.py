@@ -1,4 +1,4 @@
-"""Constant errors of a drive that the graph estimates beside the poses, and their priors."""
+"""Constant errors of a drive that the graph estimates together with the poses, and their priors."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ class ConstantSigmas:
     wheel_radius : fraction of the distance; the effect of that name, common to both wheels.
     yaw_scale : fraction of the heading's increments: minus gyro_scale_factor across the axle, 1 % by data
         sheets of MEMS gyros, or minus track_width where the heading comes from the difference of the wheels.
-    yaw_rate : rad/s, minus gyro_bias about the vertical: 40 deg/h, what a filter leaves of it after a
+    yaw_rate : rad/s, minus gyro_bias about the vertical: 40 deg/h, the residual of a filter after a
         standstill.
     curvature : rad/m, difference of the wheels' radii over radius and track: 0.015 % on half a metre.
     gnss_delay : s by which GNSS time stamps precede the time of the position: a quarter of an epoch at 5 Hz.
     compass_offset : rad by which headings read too much: a compass mounted by eye, 2 deg.
     compass_hard_iron_forward, compass_hard_iron_left : field of the vehicle's iron at the compass, as a
-        fraction of the horizontal field of the Earth. 0: none, until `compass.py` has assessed the headings.
+        fraction of the horizontal field of the Earth; 0 until `compass.py` has assessed the headings.
     compass_soft_iron_forward, compass_soft_iron_diagonal : half the difference of the gains of two
         perpendicular directions, forward and left, or their diagonals, as a fraction; likewise 0.
     """

@@ -3,9 +3,10 @@
     f = a + (i w' - w²) rho        q = b + tau w
 
 Specific force f and rate q across the axle (README of the model), complex numbers as in `shared.py`, after
-removing what rotates with gravity and the yaw rate: a and b are the biases, rho the lever arm, w the spin,
-tau the tilt by which the spin leaks into q. A drive that starts clipped has no slow spin to learn them from,
-and with an angle error of a third of a radian tens of m/s² on the arm would be attributed to other states.
+removing the terms that rotate, gravity and the yaw rate: a and b are the biases, rho the lever arm, w the
+spin, tau the tilt by which the spin leaks into q. A drive that starts clipped has no slow spin to learn them
+from, and with an angle error of a third of a radian tens of m/s² on the arm would be attributed to other
+states.
 """
 
 from __future__ import annotations
