@@ -49,7 +49,7 @@ The first of each line waits more than it works, so that some processes wait whi
 
 sys.path.insert(0, str(TESTS))
 
-# Imported modules and collected tests stay alive, so collecting garbage among them is wasted.
+# Imported modules and collected tests stay alive, so searching them for garbage is wasted time.
 gc.disable()
 
 # Freed arrays of megabytes are reused instead of being returned to the system.
@@ -81,7 +81,7 @@ def pytest_collection_modifyitems(items):
 
 
 def pytest_collection_finish():
-    # The collected tests stay alive: collect once, then leave them alone.
+    # The collected tests stay alive: they are excluded from garbage collection.
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 20, 20)
@@ -90,7 +90,7 @@ def pytest_collection_finish():
 
 @pytest.fixture(scope="module", autouse=True)
 def restore_effects():
-    """Forget the effects that a file of tests has loaded, such as `--candidates field`."""
+    """Remove the effects that a test file has loaded, such as those of `--candidates field`."""
     before = dict(BY_NAME)
     yield
     BY_NAME.clear()

@@ -58,5 +58,5 @@ class GateFactors(FactorGroup):
         return LinearisedFactors(self.pose_index, residual, pose_jacobian, None, constants_jacobian)
 
     def describe_outliers(self, is_outlier: Flags, norm: Array, pose_t: Array) -> list[str]:
-        """Return how many gates were passed."""
+        """Return the number of passed gates."""
         return [f"gate: passed {len(norm)} times"]

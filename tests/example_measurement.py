@@ -47,7 +47,7 @@ def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
     force, lever, carrier = w.force, w.lever, w.carrier
     side, hub_force = w.geometry.side, w.geometry.radius * w.yaw_rate
     lateral = side * w.camber_sin * hub_force
-    # A faster wheel is half a window further at the middle.
+    # A wheel that turns faster is turned further by half a window in the middle of the window.
     by_angle = force.imag
     by_rate = by_angle * (0.5 * WINDOW_S) - lateral * WINDOW_S
     return (

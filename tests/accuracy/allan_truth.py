@@ -2,12 +2,12 @@
 
     python tests/accuracy/allan_truth.py [SEEDS]
 
-Per term: in how many records it was claimed; of those the mean error, rms and the reported sigma; how
-many hold the truth within one and two sigma; of the records where it was not claimed, in how many the truth
-is below the limit. A term that is not there must not be claimed. The bound is Whittle's, of the record
-without electronics: a record of length T holds T df independent exponential values of its spectrum S(f), so
-the information on log-parameters is T times the integral of dlnS dlnS df. No estimator without bias does
-better.
+Printed for each term: the number of records in which it was claimed; mean error, rms error and reported sigma
+in these; the number whose truth lies within one and within two sigma; and the number of the other records
+whose truth is below the stated limit. A term that is not present must not be claimed. The bound is
+Whittle's, of the record without electronics: a record of length T holds T df independent exponential values
+of its spectrum S(f), so the information on log-parameters is T times the integral of dlnS dlnS df. No
+unbiased estimator does better.
 """
 
 import sys

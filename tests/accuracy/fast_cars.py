@@ -47,7 +47,7 @@ def main() -> int:
         for arm in args.arms:
             rows: dict[str, list[tuple[float, float]]] = {key: [] for key in WHEELS}
             for seed in range(args.seed, args.seed + args.drives):
-                # The arm has no size of zero for the generator: a tenth of a millimetre.
+                # The generator accepts no arm of length zero: a tenth of a millimetre is used.
                 size = max(arm, 1e-4)
                 along_axes = (size * 0.5**0.5, size * 0.5**0.5) if args.diagonal else (size, 0.0)
                 case = Clipped(speed, radius=0.3, track=1.4, rate_hz=208.0, arm=along_axes)

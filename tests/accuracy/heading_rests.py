@@ -1,7 +1,4 @@
-"""Five minutes of steady turns, a new rate each 30 s: which standstills `hubodo heading` finds by itself.
-
-.venv/bin/python tests/accuracy/heading_rests.py [--seeds N]
-"""
+"""Standstills that `hubodo heading` finds by itself in five minutes of steady turns, each 30 s long."""
 
 import argparse
 import contextlib

@@ -43,7 +43,7 @@ def triad_matrix(errors):
 
 
 def solve_once(u):
-    """Return bias and diagonal of the matrix by eq. 6 of Avrutov, whose directions are the raw ones."""
+    """Return bias and diagonal of the matrix by eq. 6 of Avrutov, with the raw readings as directions."""
     x, y, z = (u / np.linalg.norm(u, axis=1)[:, None]).T
     rows = np.column_stack([x, y, z, x * x, y * y, z * z, x * y, x * z, y * z])
     return np.linalg.lstsq(rows, ((u**2).sum(axis=1) - 1) / 2, rcond=None)[0][:6] * ([GRAVITY] * 3 + [1] * 3)
@@ -115,7 +115,7 @@ def quantised_trial(seed, poses, digits, noise_lsb):
     samples = REST / 0.02
     sigma = step * (np.sqrt((noise_lsb**2 + 1 / 12) / samples) if noise_lsb > 0.5 else np.sqrt(1 / 12))
     if 0 < noise_lsb <= 0.5:
-        # Variance that dither of this size leaves, by its first harmonic.
+        # Return the residual variance for dither of this size, by its first harmonic.
         sigma = step * np.sqrt(
             np.exp(-((2 * np.pi * noise_lsb) ** 2)) / (2 * np.pi**2) + noise_lsb**2 / samples
         )

@@ -1,7 +1,4 @@
-"""North from the gyro alone, without table angles: errors and consistency of sigma by kind of record.
-
-.venv/bin/python tests/accuracy/north_found.py [--seeds N]
-"""
+"""North from the gyro alone, without table angles: errors and consistency of sigma by kind of record."""
 
 import argparse
 import os

@@ -81,7 +81,7 @@ LIFTED = "one wheel, lifted 6 s, runs out in 1 s"
 
 @dataclass(frozen=True)
 class Outcome:
-    """Final error in % of the path, NEES of the final pose, detected wheels, and false alarms."""
+    """Final error in % of the path, NEES of the final pose, detected wheels, and number of false alarms."""
 
     error: float
     nees: float

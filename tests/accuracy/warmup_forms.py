@@ -2,10 +2,10 @@
 
 python tests/accuracy/warmup_forms.py [SEEDS]
 
-An hour from power-on is recorded, the bias half an hour in, one hour and three hours after its end is
-forecast. Columns: rms error in deg/h, and the share of errors within 1 and 2 of their sigma. "exponential at
-its word" is what the fit of eq. 1 of Barshan and Durrant-Whyte says where its own form is believed; "last
-minutes" is the rival without a model: the mean of the last five minutes, for ever.
+An hour from power-on is recorded; the bias is forecast half an hour, one hour and three hours after its end.
+Columns: rms error in deg/h, and the share of errors within 1 and 2 of their sigma. "exponential at its word"
+is the fit of eq. 1 of Barshan and Durrant-Whyte with the sigma that assumes this form; "last minutes" is the
+baseline without a model: the mean of the last five minutes, held for ever.
 """
 
 import sys
@@ -28,7 +28,7 @@ HALF = 30
 
 
 def one(form, added, seed):
-    """Return errors (3,) and sigmas (3,) in deg/s by method; the accepted model only where there is one."""
+    """Return errors (3,) and sigmas (3,), deg/s, by method, of which one needs an accepted model."""
     rng = np.random.default_rng([seed, warm_ups.FORMS.index(form), warm_ups.ADDED.index(added)])
     t, bias, temperature = warm_ups.warm_up(form, added, AGES[-1] + HALF + 1, rng)
     current = slice(0, RECORD)

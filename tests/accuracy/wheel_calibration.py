@@ -47,7 +47,7 @@ NormalisedErrors = dict[str, list[float]]
 
 
 def main() -> int:
-    """Print one block for each kind of positions."""
+    """Print one block of results for each kind of positions."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -95,12 +95,12 @@ def measure_scaling(folder, scratch):
 
 
 def _work_time(out):
-    """Return the time in s that workers spent on logs."""
+    """Return the time that workers spent on logs, s."""
     return sum(pd.read_parquet(path, columns=["wall"]).wall.sum() for path in (out / "finished").iterdir())
 
 
 def measure_year(out, scratch):
-    """Measure listing, searching and summing up."""
+    """Measure listing, searching and summarising."""
     index = scratch / "year"
     (index / "finished").mkdir(parents=True)
     rows = pa.concat_tables(pq.read_table(path) for path in (out / "finished").iterdir()).to_pandas()

@@ -21,9 +21,10 @@ NOISE = 3e-3
 
 @dataclass(frozen=True)
 class FleetLog:
-    """A log. day: since MONDAY. bias: rad/s of z; warming: initial bias that decays within 30 s.
+    """A log of a fleet.
 
-    missing: samples left out at two thirds.
+    day: days since MONDAY. bias: bias of the z gyro, rad/s; warming: initial bias that decays within 30 s.
+    missing: number of samples omitted at two thirds of the log.
     """
 
     vehicle: str

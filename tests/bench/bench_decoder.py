@@ -1,12 +1,12 @@
-"""Messages per second of what users run, from bytes to timed samples, with pymavlink beside it.
+"""Messages decoded per second by the code that users run, from bytes to timed samples, beside pymavlink.
 
-"decode again" is what `hubodo import LOG` runs: frames of many at once, by node, to samples in SI units with
+"decode again" is what `hubodo import LOG` runs: many frames at once, by node, to samples in SI units with
 device times, losses counted, each gap with its cause. "record" is what `hubodo record` runs for each read:
-the same, frame by frame. pymavlink stops at its message objects. Same samples for all: one sample a message
-as ImuBatch and as MAVLink RAW_IMU, and our batches of 8 and 16 with the same payload bytes inside MAVLink
-ENCAPSULATED_DATA. Same damage for all: each byte is replaced with the same probability, and cuts and
-insertions come as often per byte. Counted are messages that came out whole, a second of processor time; the
-decoders take turns. Peak memory is beside the stream, in a run of its own.
+the same, frame by frame. pymavlink stops at its message objects. All decode the same samples: one sample per
+message as ImuBatch and as MAVLink RAW_IMU, and our batches of 8 and 16 with the same payload bytes inside
+MAVLink ENCAPSULATED_DATA. All get the same damage: each byte is replaced with the same probability, and cuts
+and insertions are equally frequent per byte. Counted are intact messages per second of processor time; the
+decoders take turns. Peak memory is beyond that of the stream, in a run of its own.
 """
 
 import argparse
@@ -39,13 +39,13 @@ from hubowire import FINGERPRINT, Frame, FrameDecoder, encode, encode_frame  # n
 from hubowire.messages import Hello, ImuBatch  # noqa: E402
 
 PERIOD_NS = 4_807_692
-# A file is read in large portions, a port in small ones; pymavlink measured best with small ones.
+# A file is read in large portions and a port in small ones; pymavlink was fastest with small ones.
 LOG_PORTION, PORT_PORTION = 1 << 20, 1 << 12
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One decoder on one stream; medians over the repeats; ratio: messages per second against pymavlink's."""
+    """Result of one decoder on one stream; medians over the repeats; ratio: speed relative to pymavlink."""
 
     stream: str
     dirt: float
@@ -196,9 +196,10 @@ def peak_bytes(one: Contestant, stream: bytes, damaged: np.ndarray) -> int:
 def contest(
     contestants: list[Contestant], dirt: float, repeats: int, seed: int
 ) -> list[tuple[int, list[float], int]]:
-    """Messages out, processor seconds of each round and peak bytes of each.
+    """Return messages, processor seconds of each round and peak bytes of each decoder.
 
-    Turns are taken in rounds and processor time is counted, so that other work on the machine falls on all.
+    The decoders take turns in rounds and processor time is counted, so that other work on the machine affects
+    all.
     """
     rng_seed = seed + 1
     streams = [dirty(one.clean, np.random.default_rng(rng_seed), dirt, splices=False) for one in contestants]

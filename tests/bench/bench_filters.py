@@ -1,9 +1,9 @@
-"""Time of the papers' filters beside filterpy, in the same run: live updates, and batches per sample.
+"""Time of the papers' filters beside filterpy in the same run: live updates, and batches per sample.
 
 python tests/bench/bench_filters.py [SAMPLES]
 
-Peers: filterpy's KalmanFilter with the two states of eq. 4-8; the same with a fading memory, which is eq.
-13-14; its ExtendedKalmanFilter with H and R of eq. 2-3. A live update is one of plain Python floats.
+Peers: filterpy's KalmanFilter with the two states of eq. 4-8; the same with fading memory, which is eq.
+13-14; its ExtendedKalmanFilter with H and R of eq. 2-3. A live update takes plain Python floats.
 """
 
 import math

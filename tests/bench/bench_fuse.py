@@ -2,11 +2,11 @@
 
     python tests/bench/bench_fuse.py [SECONDS]
 
-The peer is what one writes down first: BetweenFactorPose2 from sample to sample (100 Hz), noise of a tenth
-of an increment, PoseTranslationPrior2D for each fix at the nearest sample, Gauss-Newton with sequential
-Cholesky (the default solver overflows the stack on such a chain), started from the true first pose. It finds
-neither constants nor sigmas; ours has to, and its own first heading besides. Then what a fix costs live, in a
-window of a minute, beside the 200 ms until the next one.
+The peer is the obvious first program: BetweenFactorPose2 from sample to sample (100 Hz), noise of a tenth of
+an increment, PoseTranslationPrior2D for each fix at the nearest sample, Gauss-Newton with sequential Cholesky
+(the default solver overflows the stack on such a chain), started from the true first pose. It estimates
+neither constants nor sigmas; ours estimates both, and its own initial heading. Also measured is the time of a
+live fix in a window of one minute, beside the 200 ms until the next one.
 """
 
 import os
@@ -69,7 +69,7 @@ def peer(drive):
 
     def build():
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-        # A tenth of the usual increment (Shah et al. section IV), one object for all: fastest to build.
+        # A tenth of the usual increment (Shah et al. section IV); a single object is fastest to build.
         own = 0.1 * np.array([np.median(np.abs(step)), np.median(np.abs(step)), np.median(np.abs(turn))])
         noise = gtsam.noiseModel.Diagonal.Sigmas(own)
         fix = gtsam.noiseModel.Isotropic.Sigma(2, SIGMA)

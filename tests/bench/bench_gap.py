@@ -1,9 +1,9 @@
-"""The gap workflow: on 240 s of two nodes at 100 Hz with an effect hidden, by length, and on real recordings.
+"""The gap workflow on 240 s of two nodes at 100 Hz with a hidden effect, by length, and on real recordings.
 
 python tests/bench/bench_gap.py [ROUNDS] [--minutes 10,30,60] [--only parts,lengths,recordings,watch]
 
-Of each length and recording: processor time and the most memory, each in a process of its own. Watch: a drive
-that is being recorded, looked at every few seconds of its own time, with an IMU that sits off the hub.
+Processor time and peak memory for each length and recording, each in a process of its own. Watch: a drive is
+analysed every few seconds while it is recorded, with an IMU mounted off the hub.
 """
 
 # ruff: noqa: E402 (BLAS must know its threads before numpy is loaded)
@@ -43,13 +43,13 @@ from wanted import SHARED
 SEED, SECONDS, HIDDEN = 5, 240.0, "wheel_camber"
 MINUTES = (10, 30, 60)
 FORWARD_LIMIT = 0.015  # s
-WORKFLOW_LIMIT = 5.0  # s of processor
+WORKFLOW_LIMIT = 5.0  # s of processor time
 MEMORY_LIMIT = 0.9  # GB
-GROWTH_LIMIT = 1.1  # times as much per minute in the longest log as in the shortest
-RECORDING_LIMIT = 100.0  # s of processor, on a computer that has much else to do
+GROWTH_LIMIT = 1.1  # largest ratio of the time per minute in the longest log to that in the shortest
+RECORDING_LIMIT = 100.0  # s of processor time, on a busy computer
 RECORDINGS = {"wheelchair": wheelchair_model(0.92), "car/drive-1": CAR}
 EVALUATIONS = 50
-ARM, WATCHED, EVERY = 0.15, 60.0, 5.0  # m; s of the drive, and between looks
+ARM, WATCHED, EVERY = 0.15, 60.0, 5.0  # lever arm, m; duration of the drive and interval of the analyses, s
 EXPECTED_FINDING = f"left: the IMU sits {ARM:.2f} m off the hub"
 
 
@@ -81,7 +81,7 @@ def once(folder, model_file=None):
 
 
 def forward(folder):
-    """Return the fastest of many evaluations at one delay, s, each with another radius, camber and arm."""
+    """Return the fastest of many evaluations at one delay, s, each with other radius, camber and arm."""
     problem = build_problem(read_folder(folder), read_model(folder / "model.toml"))
     durations = []
     for k in range(EVALUATIONS):
@@ -99,7 +99,7 @@ def forward(folder):
 
 
 def measure(folder, model):
-    """Print one run on a log as a line of JSON: processor seconds, peak GB, names."""
+    """Print one run on a log as a line of JSON: processor seconds, peak memory in GB, findings."""
     parts, effects = once(folder, model)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
     print(json.dumps({"seconds": sum(parts.values()), "memory": peak, "found": effects}))
@@ -108,7 +108,7 @@ def measure(folder, model):
 def of_length(minutes):
     """Return time and memory for one log of that length."""
     with tempfile.TemporaryDirectory() as name:
-        # A process begins with the most memory of the one that starts it: this one stays small.
+        # A new process starts with the peak memory of its parent, so the parent stays small.
         own([str(minutes), "--make", name])
         return json.loads(own(["--measure", name]))
 

@@ -2,8 +2,9 @@
 
     python tests/bench/bench_hour.py [SECONDS]
 
-Five runs of `hubodo fuse` on the same log, start of the interpreter included. Beside each the plain GTSAM
-graph of bench_fuse.py, a pose per odometry sample, built and solved: nothing read or filtered, no sigmas.
+Five runs of `hubodo fuse` on the same log, including the start of the interpreter. Beside each runs the plain
+GTSAM graph of bench_fuse.py with a pose per odometry sample, which is only built and solved, without reading,
+filtering and sigmas.
 """
 
 import json
@@ -59,7 +60,7 @@ def recording(seconds):
 
 
 def of_children():
-    """s of processor time of all processes that have ended."""
+    """Return the processor time of all processes that have ended, s."""
     used = os.times()
     return used.children_user + used.children_system
 

@@ -1,10 +1,10 @@
-"""A CSV folder into a log beside pandas and the `mcap` package: two wheels at 100 Hz, three lengths.
+"""Import of a CSV folder beside pandas and the `mcap` package: two wheels at 100 Hz, three lengths.
 
     python tests/bench/bench_import.py [--seconds 36] [--rounds 5]
 
-Ours is what `hubodo import` runs: each file checked (numbers, times that increase, whole rows), all tables
-side by side by time. The peer reads with `pandas.read_csv`, checks nothing and writes the same Imu messages,
-one file after the other, with `mcap`'s writer; their bytes are made at once by numpy. Processor time.
+Ours is what `hubodo import` runs: each file is checked (numbers, increasing times, complete rows), and all
+tables are interleaved by time. The peer reads with `pandas.read_csv`, checks nothing and writes the same Imu
+messages with `mcap`'s writer, one file after the other; numpy encodes their bytes at once. Processor time.
 """
 
 import json
@@ -63,7 +63,7 @@ def peer(folder, path):
 
 
 def bench(seconds, rounds, seed):
-    """Return one result per length: rows, seconds of both."""
+    """Return one result per length: rows and seconds of both."""
     results = []
     for times in (1, 10, 100):
         with tempfile.TemporaryDirectory() as place:

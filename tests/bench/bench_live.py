@@ -2,9 +2,9 @@
 
     python tests/bench/bench_live.py [--seconds 120] [--seed 3]
 
-Two nodes, blocks of eight samples as they come from a node, a pose published for every sample. The peer is
-what one writes down first with a library: six states (place, heading, speed, yaw rate, gyro bias), predicted
-and updated for every pair of samples; it finds neither wheel angle nor calibration.
+Two nodes, blocks of eight samples as a node sends them, a pose published for every sample. The peer is the
+obvious first program with a library: six states (position, heading, speed, yaw rate, gyro bias), predicted
+and updated for every pair of samples; it estimates neither wheel angle nor calibration.
 """
 
 import argparse
@@ -44,7 +44,7 @@ def blocks(drive):
 
 
 def ours(drive):
-    """µs a sample, the longest call in ms."""
+    """Return the time per sample, µs, and the longest call, ms."""
     mounts = {side: NodeMount(side, "left") for side in ("left", "right")}
     odometer = Odometer(Vehicle(drive.radius, drive.track, mounts), 0)
     calls, samples = [], 0
@@ -57,7 +57,7 @@ def ours(drive):
 
 
 def peer(drive):
-    """µs a sample of the two nodes."""
+    """Return the time per sample of the two nodes, µs."""
     left, right = (drive.nodes[name] for name in ("left", "right"))
     count, dt = min(len(left.t), len(right.t)), float(np.median(np.diff(left.t)))
     theirs = ExtendedKalmanFilter(6, 2)

@@ -2,9 +2,9 @@
 
     python tests/bench/bench_reading.py [--seconds 60] [--rounds 5]
 
-The log is a recorder's: a node at 208 Hz, a temperature each sixteen samples. "mcap" walks the messages with
-`make_reader` and takes stamp, rates and forces out of each by `struct`, the quickest that the package lets
-one do; "mcap-ros2" lets its decoder make objects of them first. Both end in the same arrays as ours.
+The log is that of a recorder: a node at 208 Hz with a temperature every sixteen samples. "mcap" iterates over
+the messages with `make_reader` and unpacks stamp, rates and forces of each by `struct`, the fastest way that
+the package offers; "mcap-ros2" lets its decoder create objects first. Both end in the same arrays as ours.
 """
 
 import json

@@ -1,8 +1,8 @@
 """Recording beside its peers: our writer, that of the `mcap` package and Foxglove's, same messages and disk.
 
 `python tests/bench/bench_recording.py` prints a table; each figure is the median of five, of processor time.
-All compress with zstd at the first level. Ours keeps the half-second bound (one look at the clock per write);
-the peers, by their nature, keep whatever fits their chunk in memory.
+All compress with zstd at level 1. Ours writes messages within half a second (one reading of the clock per
+write); the peers hold whatever fits their chunk in memory.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def imu_peer(path: Path) -> int:
 
 
 def imu_foxglove(path: Path) -> int:
-    """foxglove-sdk, whose writer is in Rust, likewise; no more threads than ours."""
+    """Write the same with foxglove-sdk, whose writer is in Rust, with as many threads as ours."""
     context = foxglove.Context()
     schema = foxglove.Schema(name=ros2.IMU, encoding="ros2msg", data=ros2.definition(ros2.IMU).encode())
     channel = foxglove.Channel("/left/imu", schema=schema, message_encoding="cdr", context=context)
@@ -118,7 +118,7 @@ def rate(job: Job, folder: Path) -> float:
 
 
 def bench(runs: int = RUNS) -> list[tuple[str, float, float]]:
-    """(what, messages/s, ratio to the peer on the same messages), peers first; runs interleaved."""
+    """Return (name, messages/s, ratio to the peer on the same messages), peers first; runs interleaved."""
     groups: list[dict[str, Job]] = [
         {
             "Imu: mcap Writer.add_message, encoded before": imu_peer,

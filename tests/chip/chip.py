@@ -44,12 +44,12 @@ SETTINGS = {
     "104 polled": {"rate_hz": 104, "fifo": False},
     "208 polled": {"rate_hz": 208, "fifo": False},
 }
-# Estimators that take more of the processor; only when named.
+# Estimators that take more processor time; only run when named.
 LARGE = {
     "gravity": {"rate_hz": 208, "fifo": True, "bias_kind": int(m.BiasKind.GRAVITY)},
     "rls": {"rate_hz": 208, "fifo": True, "filter_kind": int(m.FilterKind.RLS)},
 }
-# Other chips, by the name of the emulated one; only when named.
+# Other chips, by the name of the emulated one; only run when named.
 CHIPS = {
     "lsm6dso": {},
     "lsm6dso 833": {"rate_hz": 833},
@@ -104,7 +104,7 @@ def parse(argv):
 
 
 def variant(image):
-    """The image beside `image` whose interpreter is in RAM."""
+    """Return the image beside `image` whose interpreter is in RAM."""
     return image.with_name(f"{image.stem}-vm-in-sram{image.suffix}")
 
 

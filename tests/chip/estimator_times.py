@@ -13,9 +13,9 @@ from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
 
 SECONDS = 4.0
-# Table I of the paper, ms: an update of one axis, on a board that it does not name there.
+# Table I of the paper, ms: an update of one axis, on a board that the paper does not name there.
 PAPER_US = {"Kalman": 163.0, "RLS": 95.5}
-# Runs in the place of the node: each line is "what", samples, microseconds of them all.
+# Program that runs in place of the node: each printed line is name, samples, total microseconds.
 PROGRAM = """
 import gc, time
 from array import array

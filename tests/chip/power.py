@@ -29,7 +29,7 @@ SETTINGS = {
 
 @dataclass(frozen=True)
 class Load:
-    """A load: mA at `volts`, and the source of the figure. supplied: through the regulator of the Pico."""
+    """A load: current, mA, at `volts`, and its source. supplied: True behind the Pico's regulator."""
 
     name: str
     milliamps: float
@@ -81,7 +81,7 @@ def node_milliwatts(awake: float, *loads: Load) -> float:
 
 
 def asleep_milliwatts() -> float:
-    """Return the power of a node that is parked: asleep but for its reports, radio and magnetometer off."""
+    """Return the power of a parked node: asleep except for its reports, radio and magnetometer off."""
     share = REPORT_S / REPORT_INTERVAL_S
     board = share * milliwatts(AWAKE) + (1.0 - share) * milliwatts(ASLEEP)
     return board + milliwatts(IMU_ASLEEP)

@@ -18,18 +18,18 @@ RUNS = {
     "default, 416": ({}, 2.2),
     "1660": ({"rate_hz": 1660}, 2.2),
 }
-# What a run may show at most.
+# Upper limits of a run.
 LOST = 0
 FIFO_SHARE = 0.5
 ALLOCATIONS = 0.0
 BEGIN_US = 500.0
 LATER_US = 100.0
-# Modules that are needed once are loaded and freed one by one, which leaves 8 kB of heap and takes 0.03 s.
+# Modules that are needed once are loaded and freed one by one, which takes 0.03 s and leaves 8 kB of heap.
 HELLO_S = 0.75
 
 
 def armv6m(folder):
-    """The firmware as `hubodo flash` compiles it for a Pico, and where it lays it."""
+    """Write the firmware into `folder`, compiled and laid out for a Pico as `hubodo flash` does."""
     slot = SLOTS[0]
     for name, content in build_image(firmware_folder(), "armv6m").items():
         place = folder / (name if name == MAIN else f"{slot[1:]}/{name}")
@@ -53,7 +53,7 @@ def test_no_sample_is_lost(run):
 
 
 def test_the_fifo_is_never_more_than_half_full(run):
-    """Neither by a burst that came late nor by a loop that does not keep up."""
+    """Bursts that are late and loops that are too slow would fill the FIFO."""
     if run.fifo_share is None:
         pytest.skip("this configuration asks for each sample")
     assert run.fifo_share <= FIFO_SHARE
@@ -74,7 +74,7 @@ def test_hello_is_sent_soon_after_power_on(run):
 
 
 def test_a_bus_that_fails_a_chip_that_restarts_and_a_busy_processor_are_got_over(tmp_path):
-    """Every sample is the chip's own, in order, to the end; what is missing is announced."""
+    """Every sample is the chip's own, in order, to the end; missing samples are announced."""
     pico_or_skip()
     faults = [BusNack(1.0, 3), StuckBus(1.3), BrownOut(1.6, affected="chips"), Stall(2.2, 0.05)]
     node = VirtualNode(

@@ -1,4 +1,4 @@
-"""The arithmetic of battery life, by hand."""
+"""Battery life, calculated by hand."""
 
 import power
 import pytest

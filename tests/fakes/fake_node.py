@@ -57,8 +57,8 @@ class SentFrame:
     """A frame as written to the line."""
 
     wire: bytes
-    intact: bool  # its own bytes
-    whole: bool  # and the delimiter before it, which marks its start
+    intact: bool  # True if its own bytes are undamaged
+    whole: bool  # True if the delimiter before it, which marks its start, is intact as well
     type_id: int
     plug: int  # number of times the device was plugged in before
     index: int = -1
@@ -112,7 +112,7 @@ class FakeNode:
         self.plug()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
-    # Actions of tests.
+    # Actions for tests.
 
     def start(self) -> FakeNode:
         if self.computer is None:
@@ -195,7 +195,7 @@ class FakeNode:
         sent, self._on_port = self._on_port, []
         return sent
 
-    # Implementation.
+    # Internal methods.
 
     def _now(self) -> float:
         return time.monotonic() if self.computer is None else self._virtual_ns * 1e-9

@@ -1,6 +1,6 @@
 """A stand-in for a MicroPython port on CPython: `micropython`, `machine` and the ticks of `time`.
 
-Ticks run modulo 2^30 as on a board, and only when told to, by `time.run`; a sleep lets them run as well.
+Ticks count modulo 2^30 as on a board, and advance only by `time.run` and by sleeping.
 """
 
 import sys

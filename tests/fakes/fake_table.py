@@ -1,6 +1,6 @@
 """A fake turntable on a pseudo terminal with the protocol of `sensors/north/table.py`, including refusals.
 
-It turns in a thread of its own, so that it answers while it moves, as a real one must.
+It turns in a thread of its own, so that it answers while it moves, as a real table does.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ DIGITS = 4
 class FakeTable:
     """A turntable that runs inside `with`.
 
-    off: error of each move, degrees. silent: never answers. jammed: does not turn.
-
-    stuck: stays busy for ever. limits: degrees. garbled: every so many answers, one is noise. version: that
-    it says. good: moves before it is off, jammed or stuck. turning: lasts as long as a move, called with
-    degrees from and to and a function that sets where it is. visited: degrees at which it stopped, in order.
+    off: error of each move, degrees. silent: True if it never answers. jammed: True if it does not turn.
+    stuck: True if it stays busy for ever. limits: range of angles, degrees. garbled: n, to send noise in
+    place of every n-th answer. version: version that it reports. good: number of moves before off, jammed or
+    stuck take effect. turning: called for each move with the angles from and to, degrees, and a function that
+    sets the angle. visited: angles at which it stopped, degrees, in order.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class FakeTable:
 
     def __exit__(self, *_: object) -> None:
         os.close(self._near)
-        # A descriptor closed while the thread reads could be reused by another table.
+        # If closed while the thread reads, the descriptor could be reused by another table.
         self._thread.join(2.0)
         with contextlib.suppress(OSError):
             os.close(self._far)

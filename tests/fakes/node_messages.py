@@ -1,4 +1,4 @@
-"""Messages of a node with typical values, of which a test changes what it is about."""
+"""Messages of a node with typical values, which tests change where they need to."""
 
 from dataclasses import replace
 

@@ -28,7 +28,7 @@ _LATE_NS = 1_500_000
 class SteadyNode:
     """A wheel node at rate_hz that alternately turns for ten minutes and stands still for five.
 
-    sent: samples so far. ppm: rate error of its clock.
+    sent: number of samples so far. ppm: rate error of its clock.
     """
 
     def __init__(self, node_id: int, rate_hz: float, batch: int, ppm: float) -> None:
@@ -50,14 +50,14 @@ class SteadyNode:
         return self._wire(ImuBatch.type_id, head + bodies[k % len(bodies)])
 
     def reports(self, t: float) -> bytes:
-        """Return the reports it sends each second, at t by its clock."""
+        """Return the reports that the node sends each second, at t by its clock."""
         t_us = int(t * 1e6) % TICKS
         health = Health(t_us, 3700, 0, 0, 0, 0, 0, 0, 0, 1, 900, 1, 50_000, 40)
         report = Filter(t_us, 2, 0, 2000, (256, 0, 0), (9, 9, 9), (256, 0, 1024), (41, 41, 82))
         return self._message(health) + self._message(report)
 
     def answers(self, data: bytes, t: float) -> bytes:
-        """Return the answers to the bytes of its host, at t by its clock."""
+        """Return the answers to the bytes of the host, at t by the node's clock."""
         replies = b""
         for frame in self._decoder.feed(data):
             if frame.type_id == GetHello.type_id:
@@ -72,7 +72,7 @@ class SteadyNode:
         return t * self._fast
 
     def hello(self) -> Hello:
-        """Return its Hello."""
+        """Return the node's Hello."""
         return Hello(
             FINGERPRINT, (0, 1, 0), bytes([self.node_id]) * 8, 77, 0, 1, int(self.rate_hz * 1000), 2000, 16,
             70_000_000, 488_000, 62_500, 25_000_000, 0, self.batch, 0, 40, ((0x6B, 0x69, 1),),
@@ -121,7 +121,7 @@ class SteadyLink:
 
 
 class SteadyComputer:
-    """A `Computer` with prepared nodes; passed: called once per minute of virtual time with its hours."""
+    """A `Computer` with prepared nodes; passed: called once per virtual minute with the elapsed hours."""
 
     def __init__(
         self, nodes: dict[str, SteadyNode], passed: Callable[[float], None] = lambda t: None

@@ -14,8 +14,8 @@ from hubodo.units import NS_PER_S
 class Talker:
     """A periodic sender that runs inside `with`.
 
-    say(s since the start) -> bytes, called every `period` s; they are sent `late` s after that. heard:
-    (s since the start, bytes) received from its host.
+    bytes_at: function from the time since the start, s, to bytes, called every `period` s; the bytes are sent
+    `late` s afterwards. received: (s since the start, bytes) received from the host.
     """
 
     def __init__(

@@ -14,8 +14,9 @@ import pytest
 class TracedDisk:
     """A context manager that intercepts system calls on all files ending in .mcap.
 
-    refuses: the error of each write; largest_file: bytes beyond which none goes, as on FAT. moments: after
-    each write of which `settle` heard, (host time, {file: the bytes that a disk is sure to have}).
+    refuses: error number of each write, or None; largest_file: maximum size of a file, bytes, as on FAT.
+    moments: after each write that `settle` has covered, (host time, {file: bytes that would survive a power
+    cut}).
     """
 
     def __init__(self) -> None:
@@ -47,7 +48,7 @@ class TracedDisk:
         self._released.set()
 
     def settle(self, series: object, now_ns: int) -> None:
-        """Let a started sync finish and note the bytes that a power cut would leave."""
+        """Let a started sync finish and record the bytes that a power cut would leave."""
         while series._syncer.is_busy:
             time.sleep(0.0002)
         if self._written != self._settled_writes:

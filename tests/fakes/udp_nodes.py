@@ -49,7 +49,7 @@ class UdpNode:
             self._start_session()
 
     def turn(self, now: float) -> None:
-        """Send what is due."""
+        """Send all data that is due."""
         if (
             self._sealed is not None
             and now >= self._open_at

@@ -1,4 +1,4 @@
-"""`make faults`: the table of faults with what its tests say now, and figures; not a test."""
+"""`make faults`: the table of faults with the present outcome of its tests, and figures; not a test."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / "report.xml"
         words = [sys.executable, "-m", "pytest", "-q", f"--kills={args.kills}", f"--junit-xml={report}"]
-        words += ["-o", "junit_family=xunit1"]  # with properties of tests
+        words += ["-o", "junit_family=xunit1"]  # with the properties that tests record
         code = subprocess.run([*words, "--timeout=1800", *(str(TESTS / test) for test in wanted)]).returncode
         outcomes_by_fault, figures = outcomes(report), properties(report)
     print(*(line for fault in FAULTS for line in rows(fault, outcomes_by_fault)), sep="\n")

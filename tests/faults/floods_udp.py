@@ -36,10 +36,11 @@ _JOIN_S = 10.0
 
 @dataclass(frozen=True)
 class FloodResult:
-    """Result of a flood; sent, recorded: samples of four nodes; datagrams: of the flood; memory_mb: growth.
+    """Result of a flood.
 
-    joined_s: from a restart of a node in the middle of the flood until it was in; None if it never was.
-    events: kinds in the log and how many of each.
+    sent, recorded: samples of four nodes; datagrams: datagrams of the flood; memory_mb: growth of the memory.
+    joined_s: time from the restart of a node during the flood until it was recorded again; None if it never
+    was. events: number of events in the log by kind.
     """
 
     sent: int
@@ -143,7 +144,7 @@ def _wait_for(bank: UdpNodes) -> float | None:
 def _send_flood(
     flood: Flood, to: tuple[str, int], per_second: float, in_the_middle: Callable[[], None]
 ) -> int:
-    """Send a flood at a constant rate; return its number of datagrams. From 127.0.0.1 one socket is used."""
+    """Send a flood at a constant rate; return the number of datagrams. 127.0.0.1 uses one socket."""
     datagrams = list(flood)
     begun = time.monotonic()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as single:

@@ -1,4 +1,4 @@
-"""A flip of any byte of a small log is detected, or all contents read are unchanged."""
+"""A flip of any byte of a small log is detected, or leaves all contents unchanged."""
 
 import json
 import random

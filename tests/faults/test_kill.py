@@ -1,7 +1,7 @@
 """A recorder killed at any time: all data older than one second is recovered, and nothing else.
 
-Each is forked off this process, so that two hundred of them cost little more than their waiting:
-`make faults` says --kills 200.
+Each recorder is forked off this process, so that two hundred of them take little more than their waiting
+time: `make faults` uses --kills 200.
 """
 
 import itertools

@@ -7,5 +7,5 @@ from fakes import fake_port
 
 fake_port.install(fake_port.PORT_TICKS)
 sys.path.insert(0, str(Path(__file__).parents[2] / "firmware"))
-# CPython could import these native versions: tests use the plain ones, and compare the native ones with them.
+# CPython could import these native versions: tests use the plain ones, and compare both.
 sys.modules["fast_float"] = None  # type: ignore[assignment]

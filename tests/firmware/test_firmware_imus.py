@@ -39,7 +39,7 @@ def load(name):
 
 
 def fifo_rows(chip, batch):
-    """Read a batch from the FIFO; return its rows and whether the driver calls it torn."""
+    """Read a batch from the FIFO; return its rows, and True if the driver reports it as torn."""
     rows = bytearray(12 * batch)
     torn = chip.fifo_read_into(rows)
     return np.frombuffer(bytes(rows), "<i2").reshape(-1, 6), bool(torn)
@@ -59,7 +59,7 @@ def test_the_search_finds_the_chip_by_the_identity_of_its_driver(silicon, driver
 
 @each_chip
 def test_every_range_has_the_scale_of_the_chip(silicon, driver):
-    """rate and acceleration at 60 % of each range come back in the driver's steps."""
+    """A rate and an acceleration at 60 % of each range appear in the driver's steps."""
     kind = load(driver)
     dps = [row[0] for row in kind.RANGES_DPS]
     g = [row[0] for row in kind.RANGES_G]

@@ -77,12 +77,12 @@ board = FakeBoard(bus, values)
 watch()
 """
 
-# This MicroPython port collects garbage only between the pieces, that of a board whenever necessary.
+# This MicroPython port collects garbage only between pieces of code, a board whenever necessary.
 NODE = (
     "node = Node(board, link)\nwatch()",
     "chip = node.parts.chip",
     "node.new_init()\nnode.init.start({samples}, chip.gyro_lsb_ndps, chip.accel_lsb_ng)\nwatch()",
-    # After a piece that collects garbage and another one: what is left is in use.
+    # Measured after a piece that collects garbage and another piece: the remaining memory is in use.
     *("watch()", "measure()"),
     "for _ in range(20):\n    node.step()\nwatch()",
 )
@@ -121,7 +121,7 @@ WARM = {
     "warmup_second": [-100000, 0, 50000, 500],
 }
 CASES = {
-    # name: (driver, rate, true period in us, whether the wheel turns, settings, what they load)
+    # name: (driver, rate, true period in us, whether the wheel turns, settings, additional modules)
     "lsm6ds33-416": ("lsm6ds33", 416, 2370, 0, {}, (*FIFO, *STATIC, *KALMAN)),
     "lsm6ds33-208-polled": ("lsm6ds33", 208, 4700, 0, {"fifo": False}, (*POLLED, *STATIC, *KALMAN)),
     "lsm6ds33-1660": ("lsm6ds33", 1660, 610, 0, {}, (*FIFO, *STATIC, *KALMAN)),

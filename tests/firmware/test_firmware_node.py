@@ -1,4 +1,4 @@
-"""The whole node in real MicroPython on the virtual board: chips, faults, times, nothing invented."""
+"""The whole node in real MicroPython on the virtual board: chips, faults, times, no invented samples."""
 
 from array import array
 from types import SimpleNamespace
@@ -134,7 +134,7 @@ def test_another_chip_at_the_address_is_refused_and_named():
 
 @pytest.mark.parametrize(("chip", "who_am_i"), [("lsm6ds33", 0x6C), ("mpu6050", 0x47), ("lsm6dso", 0x69)])
 def test_a_chip_with_the_identity_of_another_is_reported_as_silent_for_as_long_as_it_is(chip, who_am_i):
-    """The driver of that other chip reads a FIFO where there is none; each Health has to say so."""
+    """The driver of another chip finds no FIFO at its address; each Health has to report that."""
     sent, _, _ = run(4, sensors=SensorBoard(chip, specimen=Specimen(who_am_i=who_am_i)))
     assert not messages_of(sent, m.ImuBatch)
     assert [health.faults for health in messages_of(sent, m.Health)] == 4 * [m.Fault.IMU_SILENT]

@@ -1,4 +1,4 @@
-"""The whole node finds its gyro's bias in each way there is, and tells it beside raw samples."""
+"""The whole node estimates its gyro's bias in each possible way, and reports it beside raw samples."""
 
 from types import SimpleNamespace
 

@@ -11,7 +11,7 @@ from fakes.fake_port import PORT_TICKS
 
 
 class FakeBus:
-    """Every chip on it answers with one id."""
+    """A bus on which every chip answers with one id."""
 
     def __init__(self, who_am_i):
         self.who_am_i = who_am_i

@@ -1,4 +1,4 @@
-"""Frames by radio come in pieces that get lost, come twice or overtake: a receiver puts them together."""
+"""Frames by radio arrive in pieces that get lost, duplicated or reordered: a receiver reassembles them."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ PIECE, HEAD, LATE_MS = 30, 2, 2000
 
 
 def frame_of(size, seed=0):
-    """`size` bytes with one zero, the last."""
+    """Return `size` bytes whose only zero is the last one."""
     return np.random.default_rng([size, seed]).integers(1, 256, size - 1, np.uint8).tobytes() + b"\0"
 
 

@@ -1,4 +1,4 @@
-"""The clock of samples against beats of every kind: the truth lies within what it says, numbers stay true."""
+"""The sample clock at any phase between polls and samples: times are within bounds, numbers stay true."""
 
 import random
 

@@ -1,4 +1,4 @@
-"""Sampler and queue against the emulated chips, on CPython: holes are numbered, nothing invented."""
+"""Sampler and queue with the emulated chips, on CPython: gaps are numbered, no sample is invented."""
 
 import random
 import time

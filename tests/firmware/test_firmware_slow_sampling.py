@@ -171,7 +171,7 @@ def test_a_change_of_more_than_2_deg_per_s_or_20_mg_is_motion(column, change, mo
     sampling.step(5499)
     assert changes == ([] if moves else [True])
     if moves:
-        # The new values are those of the next standstill.
+        # The new values are the reference of the next standstill.
         sampling.use(other * 4, 0, 4)
         sampling.step(5500)
         assert changes == [True]

@@ -1,4 +1,4 @@
-"""The warm-up on the node: eq. 6 in integers beside the exponential, and what the settings make of it."""
+"""The warm-up on the node: eq. 6 in integers beside the exponential, and the settings that control it."""
 
 import math
 import time
@@ -31,7 +31,7 @@ def run_warm_up(c1, time_constant, *, seconds, age_ms=0, start_ms=0):
 
 @pytest.mark.parametrize(("c1", "time_constant"), [(4.3, 3816), (-68.0, 600), (1500.0, 30)])
 def test_the_warm_up_agrees_with_the_exponential_to_a_thousandth_of_c1(c1, time_constant):
-    """Errors: stairs of C1 / 1025, a delay of up to T / 1024, and up to 2^-9 steps at the end."""
+    """Error bounds: steps of C1 / 1025, a delay of up to T / 1024, and up to 2^-9 gyro steps at the end."""
     t, drift = run_warm_up(c1, time_constant, seconds=min(5 * time_constant, 5000))
     exact = -c1 * np.expm1(-t / time_constant)
     print(f"C1 {c1} steps, T {time_constant} s: off by at most {np.abs(drift - exact).max():.4f} steps")

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Case:
-    """words: the command, in which FOLDER stands for the folder of the files. files: content by name."""
+    """An input; words: the command, with FOLDER for the folder of the files; files: content by name."""
 
     words: tuple[str, ...]
     files: dict[str, bytes]
 
 
 class Defect(AssertionError):
-    """A case that breaks what must hold for every input."""
+    """Raised for a case that violates a property that holds for every input."""

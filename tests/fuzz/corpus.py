@@ -16,7 +16,7 @@ CORPUS = Path(__file__).parent / "corpus"
 
 
 def save_case(target: str, case: Case) -> Path:
-    """Write a case down, compressed; return its path."""
+    """Store a case, compressed; return its path."""
     files = {
         name: b64encode(zlib.compress(content, 9)).decode()
         for name, content in case.files.items()
@@ -30,7 +30,7 @@ def save_case(target: str, case: Case) -> Path:
 
 
 def load_cases() -> list[tuple[str, Case]]:
-    """Return all of them by name."""
+    """Return all stored cases by name."""
     cases = []
     for path in sorted(CORPUS.glob("*.json")):
         content = json.loads(path.read_text())

@@ -1,8 +1,8 @@
-"""Fuzz the readers for as long as one likes: `fuzz.py --reader hdf5 --seconds 600`; not a test.
+"""Fuzz the readers for any time: `fuzz.py --reader hdf5 --seconds 600`; not a test.
 
-Each case runs in a process of its own within limits of memory and processor time. A case is a defect when it
-ends by a traceback, as "a defect of hubodo" or by a signal, beyond 30 s or beyond the memory limit. The first
-case of each new kind is saved in tests/fuzz/corpus, which test_fuzz.py replays; exit code 1 then.
+Each case runs in a process of its own within limits of memory and processor time. A case is a defect if it
+ends with a traceback, with "a defect of hubodo", by a signal, after 30 s or beyond the memory limit. The
+first case of each new kind is saved in tests/fuzz/corpus, which test_fuzz.py replays, and the exit code is 1.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _SPACING = 1_000_003  # between the first cases of two seeds
 
 
 def main() -> int:
-    """Fuzz the readers that the command line names."""
+    """Fuzz the readers named on the command line."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -56,7 +56,7 @@ def main() -> int:
 
 
 def fuzz_reader(name: str, seed: int, seconds: float, files: int | None, *, saving: bool) -> int:
-    """Run cases of one reader until the time or their number is over; return how many were defects."""
+    """Run cases of one reader until the time or number limit; return the number of defects."""
     outcomes, codes, kinds = Counter[str](), Counter[str](), set[str]()
     end, first, peak = time.monotonic() + seconds, seed * _SPACING, 0
     number = 0

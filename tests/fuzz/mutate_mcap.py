@@ -71,7 +71,7 @@ def mutated(rng: random.Random, data: bytes) -> bytes:
     if rng.random() < 0.15:
         return bytes(torn(rng, data))
     records = split(data[len(MAGIC) : -len(MAGIC)])
-    # Without a summary, so that what stands in the records counts.
+    # The file gets no summary, so that readers use the records themselves.
     records = [record for record in records[: _end(records)] if record[0] != DATA_END]
     for _ in range(rng.randint(1, 4)):
         _change(rng, records)

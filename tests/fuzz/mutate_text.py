@@ -71,7 +71,7 @@ def _change_rows(rng: random.Random, lines: list[str]) -> None:
         lines[1:] = [_with(line, column, value) for line in lines[1:]]
         return
     elif choice < 0.92:
-        # A unit other than seconds, or times of a calendar.
+        # Use a unit other than seconds, or calendar times.
         factor, shift = rng.choice(
             ((1e3, 0.0), (1e9, 0.0), (1e-6, 0.0), (1.0, 1.7e9), (-1.0, 0.0), (1.0, 2**31 - 20.0))
         )
@@ -137,7 +137,7 @@ def _change_table(rng: random.Random, table: dict[str, Any]) -> None:
             continue
         choice = rng.random()
         if isinstance(inner, float) and choice < 0.5:
-            # Another size or sign is still a number: it reaches what computes with it.
+            # Another size or sign is still a number, so it reaches the computation.
             table[key] = inner * rng.choice((1e-9, 1e-3, 0.1, 10.0, 1e3, 1e9, -1.0))
         elif choice < 0.7:
             table[key] = copy.deepcopy(rng.choice(VALUES))

@@ -1,4 +1,4 @@
-"""Cases of files of numbers: .npy, .npz, MATLAB, HDF5 and text, gzipped or not, changed where it matters."""
+"""Cases of numeric files: .npy, .npz, MATLAB, HDF5 and text, gzipped or not, changed at meaningful places."""
 
 from __future__ import annotations
 
@@ -56,12 +56,12 @@ def _case(rng: random.Random, name: str, data: bytes) -> Case:
 
 
 def npy_case(rng: random.Random) -> Case:
-    """A .npy file with a changed header or changed bytes."""
+    """Return a .npy file with a changed header or changed bytes."""
     return _case(rng, "x.npy", _mutated_npy(rng, rng.choice(_arrays())))
 
 
 def npz_case(rng: random.Random) -> Case:
-    """A .npz file: changed members, two of one name, other compression, lies in its directory."""
+    """Return a .npz file with changed or duplicate members, other compression, or a false directory."""
     out = io.BytesIO()
     compression = rng.choice(
         (zipfile.ZIP_DEFLATED,) * 3 + (zipfile.ZIP_STORED, zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2)
@@ -82,7 +82,7 @@ def npz_case(rng: random.Random) -> Case:
 
 
 def mat_case(rng: random.Random) -> Case:
-    """A MATLAB file of version 4 or 5 with changed tags, sizes and dimensions, compressed or not."""
+    """Return a MATLAB file of version 4 or 5 with changed tags, sizes and dimensions, compressed or not."""
     data = bytearray(rng.choice(_matlab()))
     for _ in range(rng.randint(1, 4)):
         if rng.random() < 0.3 and len(data) > 144 and data[128] == 15:
@@ -98,7 +98,7 @@ def mat_case(rng: random.Random) -> Case:
 
 
 def hdf5_case(rng: random.Random) -> Case:
-    """An HDF5 file: changed bytes of its structure, or one that asks for too much or for other files."""
+    """Return an HDF5 file with a changed structure, or one that claims too much or links to other files."""
     if rng.random() < 0.25:
         return _case(rng, "x.h5", _unusual_hdf5(rng))
     data = bytearray(rng.choice(_hdf5()))
@@ -111,7 +111,7 @@ def hdf5_case(rng: random.Random) -> Case:
 
 
 def text_case(rng: random.Random) -> Case:
-    """A file of rows with changed cells, separators and encodings; gzipped, twice, cut or enormous."""
+    """Return a file of rows with changed cells, separators, encodings; gzipped, truncated or enormous."""
     data = mutated_csv(rng, rng.choice(_texts()))
     choice = rng.random()
     if choice < 0.1:

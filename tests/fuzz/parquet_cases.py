@@ -1,4 +1,4 @@
-"""Cases of folders of Parquet tables: other types, other columns, nested ones, lies in the footer."""
+"""Cases of folders of Parquet tables: other, missing or nested columns, and false claims in the footer."""
 
 from __future__ import annotations
 

@@ -130,7 +130,7 @@ def node_frames(seconds: float = 2.0) -> list[tuple[int, bytes]]:
 
 
 def our_log(path: Path) -> bytes:
-    """Samples, GNSS, odometry, raw frames, events, columns, attachments, metadata."""
+    """Return a log with samples, GNSS, odometry, raw frames, events, columns, attachments and metadata."""
     metadata = {"ports": "left=/dev/ttyACM0", "odometry_rate_hz": "50"}
     with LogWriter(path, t_zero_ns=T0, chunk_bytes=4000, clock=None, metadata=metadata) as log:
         log.add_attachment("vehicle.toml", "application/toml", VEHICLE.encode())
@@ -164,7 +164,7 @@ _FILTER = (
 
 
 def foreign_log(*, chunked: bool, crcs: bool) -> bytes:
-    """Imu, NavSatFix and Odometry as the mcap package writes them; schemas and channels inside chunks."""
+    """Return Imu, NavSatFix and Odometry as the mcap package writes them, with channels inside chunks."""
     out = io.BytesIO()
     kind = CompressionType.LZ4 if crcs else CompressionType.ZSTD
     writer = Writer(out, compression=kind, use_chunking=chunked, chunk_size=3000, enable_crcs=crcs)
@@ -193,7 +193,7 @@ BAG_METADATA = (
 
 
 def bag_database(n_messages: int = 30) -> bytes:
-    """The SQLite file of a rosbag2: Imu, NavSatFix, Odometry."""
+    """Return the SQLite file of a rosbag2 with Imu, NavSatFix and Odometry."""
     with closing(sqlite3.connect(":memory:")) as base:
         base.executescript(BAG_SCHEMA)
         for number, (topic, kind) in enumerate(BAG_TOPICS, 1):
@@ -208,14 +208,14 @@ def bag_database(n_messages: int = 30) -> bytes:
 
 @cache
 def ros1_bag() -> bytes:
-    """A bag of ROS 1: Imu and Odometry, compressed by bz2."""
+    """Return a ROS 1 bag with Imu and Odometry, compressed by bz2."""
     store = get_typestore(Stores.ROS1_NOETIC)
     with TemporaryDirectory(prefix="hubodo-fuzz-") as folder:
         path = Path(folder) / "x.bag"
         writer = Bag1(path)
         writer.set_compression(Bag1.CompressionFormat.BZ2)
         with writer as bag:
-            # Behind the header an Imu has 37 numbers, a Temperature two.
+            # After its header an Imu has 37 numbers, a Temperature two.
             for topic, kind, numbers in (("/imu", ros2.IMU, 37), ("/t", ros2.TEMPERATURE, 2)):
                 link = bag.add_connection(topic, kind, typestore=store)
                 for k in range(20):

@@ -1,7 +1,7 @@
-"""A fake I2C bus with one IMU and a LIS3MDL, that allocates nothing: just enough to feed the sampling path.
+"""A fake I2C bus with one IMU and a LIS3MDL that allocates nothing: just enough to feed the sampling path.
 
-Sample k, counted from the first read on, is (k % 32, -(k % 32), k % 7, -(k % 5), 700, 1900). Of an LSM6DS33
-that spins it is (k % 32, -(k % 32), SPIN + k % 7, ax, ay, 0): gravity turns once in 1000 samples, in steps.
+Sample k, counted from the first read on, is (k % 32, -(k % 32), k % 7, -(k % 5), 700, 1900). For an LSM6DS33
+on a turning wheel it is (k % 32, -(k % 32), SPIN + k % 7, ax, ay, 0): gravity turns once in 1000 samples.
 """
 
 import math
@@ -14,7 +14,7 @@ SPIN = 1094
 
 
 class FakeBus:
-    """period_us: of the IMU's samples; imu: name of a driver file. Other addresses do not answer."""
+    """A bus that answers only at its two addresses; period_us: sample period; imu: name of a driver file."""
 
     def __init__(self, imu, period_us, spins=False):
         self.imu = imu
@@ -108,7 +108,7 @@ class FakeBus:
             buffer[0] = self.registers.get(address_of(self.address, register), 0)
 
     def _lsm6dso(self, register, buffer):
-        """Three tagged words a sample: gyro, accelerometer, time stamp."""
+        """Three tagged words per sample: gyro, accelerometer, time stamp."""
         if register == 0x0F:
             buffer[0] = 0x6C
         elif register == 0x3A:
@@ -130,7 +130,7 @@ class FakeBus:
         if register == 0x75:
             buffer[0] = 0x68
         elif register == 0x3A:
-            # Reading the flag clears it; the FIFO goes on.
+            # Reading the flag clears it; the FIFO continues.
             buffer[0] = 1 if self.samples() > self.flagged else 0
             self.flagged = self.made
             if len(buffer) == 15:
@@ -149,7 +149,7 @@ class FakeBus:
             buffer[0] = self.registers.get(address_of(self.address, register), 0)
 
     def _sample(self, buffer, at, gyro_after):
-        """Writes a sample as the chip does: gyro first, little-endian; or accelerometer first, big-endian."""
+        """Write a sample as the chip does: gyro first, little-endian; or accelerometer first, big-endian."""
         k = self.taken
         self.taken += 1
         if self.spins:

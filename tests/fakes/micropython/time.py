@@ -1,4 +1,4 @@
-"""Ticks that run only when told to, as `time` on a fake port; nothing here allocates."""
+"""Ticks that advance only by `run` and by sleeping, as `time` on a fake port; nothing here allocates."""
 
 from micropython import const
 
@@ -12,7 +12,7 @@ def run(us):
 
 
 def run_until(ticks):
-    """Lets time run to just before `ticks`, if that is to come."""
+    """Advance the time to just before `ticks`, unless that has passed."""
     ahead = ticks_diff(ticks, _now[0]) - 20
     if ahead > 0:
         run(ahead)
