@@ -1,4 +1,4 @@
-"""GTSAM as a foreign solver of the graph's problem: its elimination, relinearisation and robust losses."""
+"""GTSAM as an independent solver of the graph's problem: elimination, relinearisation and robust losses."""
 
 import math
 
@@ -12,9 +12,9 @@ CONSTANTS_KEY = 1 << 60
 
 
 def solve_with_gtsam(graph, poses, constants):
-    """Poses, constants and cost by Levenberg-Marquardt.
+    """Return poses, constants and cost by Levenberg-Marquardt.
 
-    Sequential elimination, for the default recursion overflows the stack on long chains.
+    Elimination is sequential, because the default recursion overflows the stack on long chains.
     """
     gtsam = wanted.module("gtsam")
     parameters = gtsam.LevenbergMarquardtParams()
@@ -31,7 +31,7 @@ def solve_with_gtsam(graph, poses, constants):
 
 
 def covariances_of_gtsam(graph, poses, constants):
-    """(n, 3, 3) of each pose in the world's axes, and that of the constants, at given values."""
+    """Return the covariances (n, 3, 3) of the poses in world axes and that of the constants, at values."""
     gtsam = wanted.module("gtsam")
     values = gtsam_values(gtsam, poses, constants)
     marginals = gtsam.Marginals(gtsam_graph(gtsam, graph), values)
@@ -41,7 +41,7 @@ def covariances_of_gtsam(graph, poses, constants):
 
 
 def gtsam_graph(gtsam, graph):
-    """A NonlinearFactorGraph of all factors."""
+    """Return a NonlinearFactorGraph of all factors."""
     oracle = gtsam.NonlinearFactorGraph()
     for factors in graph.factors:
         for i, state in enumerate(factors.pose_index.tolist()):
@@ -50,7 +50,7 @@ def gtsam_graph(gtsam, graph):
 
 
 def gtsam_values(gtsam, poses, constants):
-    """Values of poses (n, 3) and of the constants."""
+    """Return the Values of poses (n, 3) and of the constants."""
     oracle = gtsam.Values()
     for k, (x, y, heading) in enumerate(poses.tolist()):
         oracle.insert(k, gtsam.Pose2(x, y, heading))
@@ -59,7 +59,7 @@ def gtsam_values(gtsam, poses, constants):
 
 
 def _poses(values, keys):
-    """(n, 3) x, y, heading; headings as GTSAM keeps them, within half a turn."""
+    """Return x, y, heading, (n, 3), with headings within half a turn, as in GTSAM."""
     estimate = [values.atPose2(key) for key in keys]
     return np.array([[pose.x(), pose.y(), pose.theta()] for pose in estimate])
 
@@ -70,10 +70,10 @@ def _turn(heading):
 
 
 def _factor(gtsam, row, state):
-    """One factor on a pose, the one after it where it has one, and the constants.
+    """Return one factor on a pose, on the next pose if there is one, and on the constants.
 
     GTSAM's increments of a pose are along the pose's own axes, ours along the world's, so the derivatives by
-    x and y are turned.
+    x and y are rotated.
     """
     probe = row.linearise(np.zeros((2, 3)), np.zeros(N_CONSTANTS))
     keys = [state] if probe.next_pose_jacobian is None else [state, state + 1]
@@ -81,7 +81,7 @@ def _factor(gtsam, row, state):
     def evaluate(factor, values, jacobians):
         poses = _poses(values, keys)
         if len(poses) == 2:
-            # Two headings on both sides of GTSAM's cut at half a turn are brought together.
+            # Headings on both sides of GTSAM's cut at half a turn are made continuous.
             poses[1, 2] += 2.0 * np.pi * np.round((poses[0, 2] - poses[1, 2]) / (2.0 * np.pi))
         item = row.linearise(poses, values.atVector(CONSTANTS_KEY))
         if jacobians is not None:
@@ -100,7 +100,7 @@ def _factor(gtsam, row, state):
 
 
 def _noise(gtsam, loss, rows):
-    """Unit noise under a loss; Huber's is GTSAM's own."""
+    """Return unit noise under a loss; Huber's is GTSAM's own."""
     unit = gtsam.noiseModel.Unit.Create(rows)
     if loss.kind == "quadratic":
         return unit

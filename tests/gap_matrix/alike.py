@@ -109,7 +109,7 @@ CONFUSABLE_PAIRS = (
 
 
 def draw_ambiguous_setup(seed: int, pair: ConfusablePair, duration: float = DURATION_S) -> Setup:
-    """Return the setup of a seed with the motion and temperature that do not distinguish a pair."""
+    """Return the setup of a seed with a motion and temperature that do not distinguish a pair."""
     setup = cases.draw_setup(seed, duration=duration, vibration=0.0)
     rng = np.random.default_rng((seed, 9))
     t = setup.drive.motion.t

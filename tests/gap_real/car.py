@@ -20,7 +20,7 @@ CAR = model_toml(
     inputs='speed = "nodes"\nyaw_rate = "frame.gz"\n',
     facing={"left": "left", "right": "right"},
 )
-# Largest error of a value: share of the injected size, or sigmas.
+# Largest accepted error of a value: share of the injected size, or number of sigmas.
 MAX_ERROR_SHARE, MAX_ERROR_SIGMA = 0.25, 3.0
 
 

@@ -1,9 +1,9 @@
-"""Effects put into real drives of a car: learnt on one drive, injected into the other, named by `gap`.
+"""Effects injected into real drives of a car: the model is learnt on one drive, and `gap` judges another one.
 
     python tests/gap_real/real.py [--pairs drive-1:drive-2] [--effects gyro_bias] [--seed 1] [--two-drives]
 
 A model is learnt on each drive from the geometry and the noise of the vehicle alone. With it `gap` judges the
-other drive as it is, and with each effect in the samples of one node. The trivial rival names nothing.
+other drive as recorded, and with each effect in the samples of one node. The trivial baseline names nothing.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ HIGH_CONFIDENCE = 0.9
 
 @dataclass(frozen=True)
 class Case:
-    """One run: the drive the model was learnt on, the drive judged, and the effect in one node's samples."""
+    """One run: drive on which the model was learnt, judged drive, and effect in the samples of one node."""
 
     learnt_on: str
     drive: str
@@ -50,9 +50,9 @@ class Case:
 class Row:
     """Result of one case.
 
-    is_named, is_accurate: the effect was found on its node, and with its size
-    wrong: names that are neither the effect nor of this drive
-    sure_right, sure: names above 0.9 that are right, and all of them, drive's own left out
+    is_named, is_accurate: the effect was named on its node, and with its size wrong: names that are neither
+    the effect nor of this drive sure_right, sure: number of correct names with a confidence above 0.9, and of
+    all such names, without those of the drive itself
     """
 
     case: Case
@@ -68,7 +68,7 @@ class Row:
 
 
 def list_cases(pairs: Sequence[tuple[str, str]], effects: Sequence[str]) -> Iterator[Case]:
-    """Yield the drives as they are, and each effect: medium on one side, strong on both."""
+    """Yield the unchanged drives, and each effect: medium on one side, strong on both."""
     names = list(dict.fromkeys(one.effect for one in injections(30.0, 1.0, 1.0)))
     for learnt_on, drive in pairs:
         yield Case(learnt_on, drive)

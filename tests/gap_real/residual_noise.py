@@ -1,8 +1,8 @@
 """Noise of simulated nodes from the residuals of real drives, resampled in blocks of a few seconds.
 
-A block of a simulated drive gets the samples of a stretch of the real drive whose spin rate per sample
-changes alike, standstill included. Samples keep their order, so that the spectrum per sample and the
-harmonics of the spin are preserved.
+A block of a simulated drive gets the samples of a section of the real drive with a similar course of the spin
+rate, standstill included. Samples stay in order, so that the spectrum per sample and the harmonics of the
+spin are preserved.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ _PROFILE_POINTS, _CANDIDATE_STEP_S = 6, 0.25
 # nearest few.
 _MAX_SPIN_DIFFERENCE, _MIN_CANDIDATES = 0.1, 8
 _N_SPIN_PARTS = 10
-# Hz; a car's body does not turn faster, so that the rest of its readings is vibration and noise.
+# Hz; the body of a car does not rotate faster, so higher frequencies are vibration and noise.
 _BODY_BAND_HZ = 2.0
-# Axis by which the real nodes' z axes point: outwards on both sides.
+# Axis along which the z axes of the real nodes point: outwards on both sides.
 REAL_FACING = {"left": "left", "right": "right"}
 
 
@@ -82,7 +82,7 @@ class NodeResidual:
 
 @dataclass(frozen=True)
 class DriveNoise:
-    """Residuals of one real drive: of its wheel nodes, and (N, 6) of the node on the body, x forward."""
+    """Residuals of one real drive: those of its wheel nodes, and (N, 6) of the body node, x forward."""
 
     name: str
     nodes: Mapping[str, NodeResidual]

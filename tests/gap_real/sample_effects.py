@@ -1,4 +1,4 @@
-"""Effects put into the samples of a real recording, written without the forward model that `gap` uses.
+"""Effects added to the samples of a real recording, written without the forward model that `gap` uses.
 
 Each function changes the table of one node as a worse sensor, clock or mounting would have changed it.
 """
@@ -68,7 +68,7 @@ def _cubic(c: float) -> Callable[[Array, np.random.Generator], Array]:
 
 
 def _lag(tau: float) -> Callable[[Array, np.random.Generator], Array]:
-    """One pole, exact for a signal that is linear between samples."""
+    """Return a one-pole low-pass, exact for a signal that is linear between samples."""
 
     def change(rows: Array, rng: np.random.Generator) -> Array:
         t, rate = rows[0], rows[1:4].copy()
@@ -91,7 +91,7 @@ def _rotation(x: float, y: float, z: float) -> Array:
 
 
 def _misalignment(x: float, y: float, z: float) -> Callable[[Array, np.random.Generator], Array]:
-    """Readings in axes that are turned by this rotation vector: each vector appears turned back."""
+    """Return readings in axes turned by this rotation vector: each vector appears turned the other way."""
 
     def change(rows: Array, rng: np.random.Generator) -> Array:
         back = _rotation(x, y, z).T
@@ -104,7 +104,7 @@ def _misalignment(x: float, y: float, z: float) -> Callable[[Array, np.random.Ge
 def _skewed_axes(
     xz: float, xy: float, yz: float, yx: float, zy: float, zx: float, first: int
 ) -> Callable[[Array, np.random.Generator], Array]:
-    """Cross-axis errors after Avrutov: row x has [0, xz, -xy], y [-yz, 0, yx], z [zy, -zx, 0]."""
+    """Return readings with Avrutov's cross-axis errors, rows x [0, xz, -xy], [-yz, 0, yx], [zy, -zx, 0]."""
 
     def change(rows: Array, rng: np.random.Generator) -> Array:
         n = np.array([[0.0, xz, -xy], [-yz, 0.0, yx], [zy, -zx, 0.0]])
@@ -159,7 +159,7 @@ def _repeat(probability: float) -> Callable[[Array, np.random.Generator], Array]
 def _spikes(
     probability: float, gyro_sigma: float, accel_sigma: float
 ) -> Callable[[Array, np.random.Generator], Array]:
-    """Gaussian spikes of 1 sigma `gyro_sigma` and `accel_sigma` in each channel."""
+    """Return Gaussian spikes with 1 sigma `gyro_sigma` and `accel_sigma` in each channel."""
 
     def change(rows: Array, rng: np.random.Generator) -> Array:
         hit = rng.random((6, rows.shape[1])) < probability
@@ -187,7 +187,7 @@ def _skew(ppm: float) -> Callable[[Array, np.random.Generator], Array]:
 
 
 def _lever_arm(x: float, y: float, z: float) -> Callable[[Array, np.random.Generator], Array]:
-    """Rigid-body acceleration of a point off the sensor, from its own gyro, smoothed over five samples."""
+    """Return the rigid-body acceleration of a point off the sensor, by its own gyro, over five samples."""
 
     def change(rows: Array, rng: np.random.Generator) -> Array:
         kernel = np.ones(5) / 5.0
@@ -204,7 +204,7 @@ def _lever_arm(x: float, y: float, z: float) -> Callable[[Array, np.random.Gener
 def injections(top_rate: float, gyro_noise: float, accel_noise: float) -> list[Injection]:
     """Return the effects, medium and strong.
 
-    top_rate: rad/s, largest spin of the drive, for saturation; gyro_noise, accel_noise: as declared
+    top_rate: largest spin rate of the drive, rad/s, for saturation; gyro_noise, accel_noise: declared noise
     """
     cases: list[Injection] = []
     for strength, k in (("medium", 1.0), ("strong", 2.0)):

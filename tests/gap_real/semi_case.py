@@ -18,7 +18,7 @@ from vehicles import model_toml
 
 ROAD_BANK = "road_bank"
 EFFECT_NAMES = (*effects.KINDS, ROAD_BANK)
-# Bank of real roads, rad and m; it is scaled with the accelerometer noise of the car, m/s².
+# Bank of real roads, rad, and its correlation length, m; scaled by the accelerometer noise of the car, m/s².
 _BANK_SIGMA, _BANK_LENGTH_M, _CAR_ACCEL_NOISE = {"medium": 0.012, "strong": 0.036}, 80.0, 1.2
 _MIN_VISIBLE_NATS = 0.5 * 3.0**2
 _SPARE_SEEDS, _SPARE_SEED_STEP = 5, 100_000
@@ -27,10 +27,10 @@ _CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
 
 @dataclass(frozen=True)
 class SemiCase:
-    """A simulated drive with an effect, or none, in the noise of a real drive.
+    """A simulated drive in the noise of a real drive, with or without an effect.
 
-    gain_nats: by knowing the effect; nan for a road's bank and for no effect
-    visible: parameters that the drive shows, of which a result is expected
+    gain_nats: gain by knowing the effect; nan for a road's bank and without an effect
+    visible: parameters that the drive shows, which a result must contain
     """
 
     setup: Setup

@@ -115,7 +115,7 @@ def run_cell(cell: Cell, folder: Path, size: float, duration: float | None) -> R
 
 
 def score_result(result: MissingEffects, effect: Effect | None, visible: Sequence[str]) -> Row:
-    """Return the scores of a result: right name, right node, accurate value, other names.
+    """Return the scores of a result: correct name, correct node, accurate value, other names.
 
     visible: parameters that are judged
     """

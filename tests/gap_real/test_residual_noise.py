@@ -1,6 +1,6 @@
-"""Noise resampled from residuals: spectrum and rms by spin rate are preserved, and a seed gives it again.
+"""Noise resampled from residuals: spectrum and rms by spin rate are preserved, and a seed reproduces it.
 
-The residuals are synthetic: noise that grows with the spin, with a tone at three times the spin.
+The residuals are synthetic: noise that grows with the spin, with a tone at three times the spin rate.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ REAL_RATE_HZ, SIMULATED_RATE_HZ, SEED = 120.0, 100.0, 5
 
 @pytest.fixture(scope="module")
 def residual():
-    """120 s that stand, accelerate to 20 rad/s and slow down again, twice."""
+    """120 s in which the wheel twice stands still, accelerates to 20 rad/s and slows down again."""
     rng, t = np.random.default_rng(SEED), np.arange(0.0, 120.0, 1.0 / REAL_RATE_HZ)
     spin = np.clip(12.0 - 16.0 * np.cos(2.0 * np.pi * t / 60.0), 0.0, 20.0)
     angle = np.cumsum(spin) / REAL_RATE_HZ

@@ -2,8 +2,8 @@
 
     python tests/gap_real/real.py --two-drives [--pairs drive-1:drive-2] [--effects gyro_bias,...] [--seed 1]
 
-The model has the geometry and the noise of the vehicle alone. What belongs to a drive, such as a bias, counts
-as named if it is among what differs of the drive.
+The model has only the geometry and the noise of the vehicle. A property of a drive, such as a bias, counts as
+named if it is listed among the differences of the drives.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ RIM_ARM = (0.13, 0.18)
 class Row:
     """Result of one comparison.
 
-    names: of changes of the vehicle, in order
-    of_drive: names of what differs of the drives
+    names: names of changes of the vehicle, in order
+    of_drive: names of differences of the drives
     is_first, is_accurate: the injected effect is named first, and with its size
     """
 
@@ -125,7 +125,7 @@ def print_summary(rows: Sequence[Row]) -> None:
 
 
 def compare_hub_to_rim(model: Model) -> bool:
-    """Print what changed from the hubs to the rims; return True if both lever arms have the known length."""
+    """Print the changes from the hubs to the rims; return True if both lever arms have the known length."""
     row, result = compare("drive-1", "drive-1-rim", model, ("", "", ""), 0)
     print_row(row)
     lengths = {
@@ -138,7 +138,7 @@ def compare_hub_to_rim(model: Model) -> bool:
 
 
 def compare_pairs(pairs: Sequence[str], effects: Sequence[str], seed: int, output: Path) -> int:
-    """Run all comparisons and write each to a file; return 1 if the change from hub to rim is not right."""
+    """Run all comparisons and write each to a file; return 1 if the change from hub to rim is wrong."""
     (output / "car.toml").write_text(CAR, "utf-8")
     model = read_model(output / "car.toml")
     is_rim_right = compare_hub_to_rim(model)

@@ -84,7 +84,7 @@ def test_invalid_calls_are_refused_in_one_line(call, error, message, logs):
 
 
 def test_north_equals_that_of_the_verb(tmp_path):
-    """A tactical gyro on a table at 45 degrees of latitude, with table.csv; the azimuth is 30 degrees."""
+    """A tactical gyro on a table at 45 degrees latitude, with table.csv; the azimuth is 30 degrees."""
     programme = Programme([180, -90, 180, -270, 180, -90, 180], [15.0] * 8, [60.0] * 7)
     world = {"azimuth": np.radians(30.0), "latitude": np.radians(45.0), "hz": 10.0}
     noise = {"n": np.radians(0.002), "b": 0.5 * DEG_H, "k": 1e-8}

@@ -24,7 +24,7 @@ NEGATED = np.array([[1.0], [-1.0], [-1.0]])
 
 
 def reads(effects, facing, side="left", yaw=1.0):
-    """(gyro, accel), (3, N) each, of one node in the mean."""
+    """Return the mean readings (gyro, accel) of one node, (3, N) each."""
     t = np.arange(0.0, 8.005, 0.01)
     inputs = MotionInputs(
         fit_interpolating_spline(t, 1.5 + np.sin(0.7 * t)),
@@ -37,7 +37,7 @@ def reads(effects, facing, side="left", yaw=1.0):
 
 
 def sized(kind):
-    """The effect at numbers that differ from each other, large enough to be seen in every channel."""
+    """Return the effect with distinct parameters, large enough to change every channel."""
     return kind(
         **{name: 3.0 * kind.scale(name) * (1.0 + 0.3 * k) for k, name in enumerate(kind.parameters())}
     )
@@ -61,7 +61,7 @@ def test_a_node_facing_right_with_flipped_parameters_reads_the_same_with_y_and_z
 
 @pytest.mark.parametrize("kind", EFFECTS, ids=lambda kind: kind.name)
 def test_each_sign_is_needed(kind):
-    """A parameter with the other sign than it is said to have reads something else."""
+    """A parameter with the opposite sign of the declared one changes the readings."""
     plain = facing_right(sized(kind))
     before = np.concatenate(reads([plain], "right"))
     for name, value in plain.values().items():
@@ -73,10 +73,10 @@ def test_each_sign_is_needed(kind):
 
 @pytest.mark.parametrize("kind", [k for k in EFFECTS if k.level != "node"], ids=lambda kind: kind.name)
 def test_effects_of_wheel_and_vehicle_are_symmetric_in_left_and_right(kind):
-    """The mirror image of the vehicle turns the other way.
+    """The mirror image of the vehicle turns in the opposite direction.
 
-    Its left wheel is the right one and its node faces the other way; forces mirror as vectors, rates as axial
-    vectors.
+    Its left wheel becomes the right one and its node faces the other way; forces mirror as vectors, rates as
+    axial vectors.
     """
     effect = [sized(kind)]
     gyro, accel = reads(effect, "left")
@@ -86,7 +86,7 @@ def test_effects_of_wheel_and_vehicle_are_symmetric_in_left_and_right(kind):
 
 
 def shaken(effects, power_on=-30.0):
-    """(true gyro, true accel), (read gyro, read accel), age, temperature of a node that is shaken by hand."""
+    """Return (true gyro, true accel), (read gyro, read accel), age and temperature of a shaken node."""
     t = np.arange(0.0, 8.0, 0.01)
     still = MotionInputs(
         fit_interpolating_spline(t, 0.0 * t), fit_interpolating_spline(t, 0.0 * t), Trace(t, 20.0 + 3.0 * t)
@@ -131,7 +131,7 @@ def test_all_invertible_effects_together_are_removed_exactly():
 
 @pytest.mark.parametrize("kind", [k for k in EFFECTS if not k.is_invertible], ids=lambda kind: kind.name)
 def test_an_effect_that_is_not_invertible_leaves_readings_unchanged(kind):
-    """It is no error of the sensor, or nobody can take it back: what is read then is what was read."""
+    """The effect is no error of the sensor, or cannot be inverted: readings stay as they are."""
     result = {name: 3.0 * kind.scale(name) for name in kind.parameters()}
     effect = kind(**{name: min(value, 1.0) if "prob" in name else value for name, value in result.items()})
     _, read, age, warm = shaken([])
@@ -157,7 +157,7 @@ def test_a_random_walk_grows_at_its_variance_rate():
 
 
 def test_a_speed_correction_changes_distance_and_acceleration():
-    """0.3 + 0.02 t m/s more: 0.3 t + 0.01 t² m farther and 0.02 m/s² more, by hand."""
+    """A speed increased by 0.3 + 0.02 t m/s adds 0.3 t + 0.01 t² m and 0.02 m/s², by hand."""
     t = np.arange(0.0, 10.5, 0.5)
     zero = np.zeros(len(t))
     still = BodyMotion(t, *[zero] * 10)
@@ -194,7 +194,7 @@ def test_odometry_priors_are_positive_and_processes_are_stationary():
     for place, one in priors.items():
         assert one.sigma > 0.0 and one.random_walk >= 0.0 and one.origin, place
         if math.isfinite(one.correlation_time):
-            # Gauss-Markov: what it forgets in a second is what the walk brings.
+            # Gauss-Markov process: the variance lost per second equals that added by the random walk.
             assert one.random_walk**2 == pytest.approx(2.0 / one.correlation_time * one.sigma**2), place
 
 

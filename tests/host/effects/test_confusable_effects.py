@@ -81,7 +81,7 @@ ROAD = Drive(yaw=lambda t: 0.5, grades=(1.0,))
 BACK = Drive(yaw=lambda t: 0.5, grades=(1.0, -1.0))
 BODY, BODY_BACK = Drive(body=True), Drive(body=True, grades=(1.0, -1.0))
 
-# Pair: drive on which it is alike and the channels in which; the manoeuvre, where all channels count.
+# Pair: drive on which the effects are confusable, in which channels, and the manoeuvre that separates them.
 PAIRS = {
     "track_width wheel_camber": (TURNS, "gz", TURNS),
     "track_width wheel_radius": (CIRCLE, "all", TURNS),

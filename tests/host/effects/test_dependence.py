@@ -26,7 +26,7 @@ def test_the_temperature_rate_is_the_derivative_without_quantisation_steps():
 def test_a_temperature_rate_needs_ten_seconds(seconds, tells):
     t = np.arange(0.0, seconds, 0.01)
     rate = temperature_rate(chain(t, 25.0 + 0.3 * t))
-    # At both ends it is not told: means of half a second stand in its middle.
+    # Both ends are excluded: means over half a second are centred on their interval.
     inner = (t > 0.3) & (t < seconds - 0.5)
     np.testing.assert_allclose(rate[inner], 0.3 if tells else 0.0, atol=1e-6)
 

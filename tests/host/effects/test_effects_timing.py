@@ -1,4 +1,4 @@
-"""Time stamps, repeated samples and outliers, by hand."""
+"""Time stamps, repeated samples and outliers, calculated by hand."""
 
 import numpy as np
 import pytest

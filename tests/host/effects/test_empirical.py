@@ -1,4 +1,4 @@
-"""A term of the library adds what its text says: the text read as arithmetic is the oracle."""
+"""A term of the library adds what its text says: the text evaluated as arithmetic is the oracle."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def make_chain(seed=SEED):
 
 
 def read_as_arithmetic(expression, chain):
-    """(N,) of the text itself, with cosines as they stand."""
+    """Return the value (N,) of the text itself, with its cosines evaluated."""
     fx, fy, fz = chain.force
     names = {
         "t": chain.t,

@@ -49,7 +49,7 @@ def test_a_steered_wheel_turns_at_the_rate_of_its_angle(facing):
     on = chain()
     angle = 0.4 * on.speed * on.yaw_rate / (on.speed**2 + 0.25)
     rate = np.gradient(angle, T, edge_order=2)
-    # The derivative of samples a hundredth of a second apart is right to a part in ten thousand.
+    # The derivative of samples a hundredth of a second apart is accurate to 1e-4.
     np.testing.assert_allclose(gyro[0], np.cos(5.0 * T) * rate, atol=2e-5)
     np.testing.assert_allclose(gyro[1], -facing * np.sin(5.0 * T) * rate, atol=2e-5)
     assert not gyro[2].any() and not accel.any()
@@ -79,7 +79,7 @@ def test_the_supply_above_3_7_volts_shifts_the_gyro():
     result = chain()
     result.supply = 4.1 - 0.035 * T
     kind(x=0.02, y=-0.01, z=0.03).add_offsets(result)
-    # At 4.1 V 0.4 V too much, at 3.4 V 0.3 V too little: 8, -4, 12 mrad/s and -6, 3, -9 mrad/s.
+    # 4.1 V is 0.4 V above and 3.4 V is 0.3 V below nominal: 8, -4, 12 mrad/s and -6, 3, -9 mrad/s.
     np.testing.assert_allclose(result.gyro[:, 0], [0.008, -0.004, 0.012], atol=1e-15)
     np.testing.assert_allclose(result.gyro[:, -1], [-0.006, 0.003, -0.009], atol=1e-15)
     assert not result.accel.any()
@@ -91,7 +91,7 @@ def test_the_supply_above_3_7_volts_shifts_the_gyro():
 @pytest.mark.parametrize("facing", [1.0, -1.0])
 def test_on_a_banked_road_gravity_has_a_lateral_component(facing):
     _, accel = added("mean_road_bank", facing, angle=0.1)
-    # Beside a level road, where it is (0, 0, 1) in the body: (0, sin, cos).
+    # On a level road the vertical is (0, 0, 1) in the body; on a banked one it is (0, sin, cos).
     change = 9.80665 * np.array([0.0, np.sin(0.1), np.cos(0.1) - 1.0])
     c, s = np.cos(5.0 * T), np.sin(5.0 * T)
     axes = np.array([[s, 0.0 * c, c], [facing * c, 0.0 * c, -facing * s]])
@@ -131,7 +131,7 @@ def test_a_steered_wheel_of_an_independent_simulator_is_identified_on_request(tm
 
 @pytest.fixture(scope="module")
 def foreign(tmp_path_factory):
-    """A log of foreign make, of a minute."""
+    """A log of one minute by an independent simulator."""
     path = tmp_path_factory.mktemp("foreign") / "case"
     recording.write_case_files(cases.draw_setup(SEED, duration=60.0), [], path, {})
     return path
@@ -139,12 +139,12 @@ def foreign(tmp_path_factory):
 
 @pytest.fixture
 def case(foreign, tmp_path):
-    """The same, to be changed."""
+    """A copy of that log to be changed."""
     return shutil.copytree(foreign, tmp_path / "case")
 
 
 def test_an_off_centre_reference_antenna_is_identified_on_request(case, tmp_path):
-    """The foreign log with the speed of another point: v - r arm, its samples rewritten."""
+    """The log with the speed of another point: v - r arm."""
     arm = -0.2
     head, rows = (case / "reference.csv").read_text().split("\n", 1)
     table = np.array([line.split(",") for line in rows.split()], float)
@@ -157,7 +157,7 @@ def test_an_off_centre_reference_antenna_is_identified_on_request(case, tmp_path
 
 
 def supplied(case, shift):
-    """The foreign log with a supply that is drained in two bursts, which shifts the left gyro, rad/s/V."""
+    """The log with a supply that is drained in two bursts, which shifts the left gyro by rad/s per V."""
     for node in ("left", "right"):
         head, rows = (case / f"{node}.csv").read_text().split("\n", 1)
         table = np.array([line.split(",") for line in rows.split()], float)

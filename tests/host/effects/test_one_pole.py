@@ -11,7 +11,7 @@ from hubodo.effects.one_pole import one_pole
 @pytest.mark.parametrize("tau", [1e-4, 0.002, 0.02, 0.5, 20.0])
 @pytest.mark.parametrize("uneven", [False, True])
 def test_the_response_to_a_sine_has_the_theoretical_gain_and_phase(tau, uneven):
-    """Steady part of gain 1 / sqrt(1 + (w tau)²) and phase -atan(w tau), and the start dying away."""
+    """Steady part of gain 1 / sqrt(1 + (w tau)²) and phase -atan(w tau), and the decaying transient."""
     w = 7.0
     t = np.arange(0.0, 4.0, 0.005)
     if uneven:
@@ -23,14 +23,14 @@ def test_the_response_to_a_sine_has_the_theoretical_gain_and_phase(tau, uneven):
 
     expected = steady(t) + (value[0] - steady(t[0])) * np.exp(-(t - t[0]) / tau)
     output = one_pole(t, value[None], slope[None], tau)[0]
-    # How far a cubic through values and slopes can be from a sine between them; the filter only averages it.
+    # The largest deviation of a cubic through values and slopes from a sine; the filter only averages it.
     between = (w * np.diff(t).max()) ** 4 / 384
     np.testing.assert_allclose(output, expected, rtol=0, atol=between)
 
 
 @given(tau=st.floats(1e-4, 1e2), gap=st.floats(1e-3, 10.0))
 def test_a_ramp_is_delayed_by_the_time_constant(tau, gap):
-    """y = t - tau (1 - e^(-t/tau)), whatever the step."""
+    """y = t - tau (1 - e^(-t/tau)) for any step."""
     t = np.concatenate([np.arange(0.0, 1.0, 0.1), 1.0 + gap + np.arange(0.0, 1.0, 0.13)])
     output = one_pole(t, t[None], np.ones((1, len(t))), tau)[0]
     np.testing.assert_allclose(output, t + tau * np.expm1(-t / tau), rtol=1e-9, atol=1e-9)

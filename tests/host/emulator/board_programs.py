@@ -80,7 +80,7 @@ def firmware(folder: Path, **files: str) -> Path:
 
 
 class Terminal:
-    """A host on the port: reads without blocking for ever, writes."""
+    """A host on the port that reads without blocking for ever, and writes."""
 
     def __init__(self, port: str, timeout: float = 30.0) -> None:
         end = time.monotonic() + timeout
@@ -104,7 +104,7 @@ class Terminal:
         os.write(self._fd, data)
 
     def pump(self, seconds: float = 0.05) -> bool:
-        """Read what is there; False once the terminal has hung up."""
+        """Read the available data; return False once the terminal has hung up."""
         if select.select([self._fd], [], [], seconds)[0]:
             try:
                 got = os.read(self._fd, 65536)

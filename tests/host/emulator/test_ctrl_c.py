@@ -50,7 +50,7 @@ WAITS = {
 def test_ctrl_c_that_is_met_in_the_output_of_a_line_ends_the_wait_behind_it(
     tmp_path: Path, waits: str
 ) -> None:
-    """The board is asked for nothing but these outputs: with one of them comes that ctrl-C came."""
+    """The board receives only these outputs; the reply to one of them reports the ctrl-C."""
     lines = ["import time, sys, select", *["time.sleep_us(9000)", "sys.stdout.write('.')"] * 40, WAITS[waits]]
     flash = Flash(firmware(tmp_path / "fw", main="\n".join(lines)))
     with virtual_node(3.0, StillMotion(), flash, script=[(0.2, b"\x03")]) as board:
@@ -81,7 +81,7 @@ def streams(script: list[tuple[float, bytes]]) -> BoardStreams:
 
 
 def test_a_delayed_ctrl_c_is_handled_by_the_program_running_then() -> None:
-    """A program changes what interrupts it without a word to the board; its next call tells."""
+    """A program changes its interrupt character without a call; the board learns it with the next call."""
     board_streams = streams([(0.0, b"a\x03b")])
     board_streams.set_interrupt_char(CTRL_C)
     board_streams.read_input()

@@ -96,7 +96,7 @@ print(round(machine.ADC(machine.Pin(29)).read_u16() * 9900 / 65535 / 20) * 20)
 
 
 def test_samples_of_the_chip_are_transferred_over_the_bus(tmp_path: Path) -> None:
-    """A burst of 32 samples from the FIFO takes 384 bytes of nine bits at 377.6 kHz: by hand 9.15 ms."""
+    """By hand: a burst of 32 samples from the FIFO is 384 bytes of nine bits at 377.6 kHz, 9.15 ms."""
     program = I2C + (
         "for r, v in ((0x12, 0x44), (0x08, 0x09), (0x0A, 0x36), (0x10, 0x64), (0x11, 0x6C)):\n"
         "    i2c.writeto_mem(0x6B, r, bytes((v,)))\n"
@@ -208,7 +208,7 @@ else:
 def test_power_lost_in_the_middle_of_a_write_leaves_the_old_file_or_the_new_one(
     tmp_path: Path, seconds: float
 ) -> None:
-    """Erasing a sector takes 45 ms: power goes at seconds that lie before, in and after it."""
+    """Erasing a sector takes 45 ms: power is cut at times before, during and after it."""
     program = "n = 0\nwhile True:\n    n += 1\n    with open('f', 'w') as f: f.write('%06d' % n * 700)\n"
     chip = tmp_path / "flash.bin"
     run(
@@ -239,7 +239,7 @@ def test_a_flash_image_contains_its_files(tmp_path: Path) -> None:
 
 
 def test_the_form_that_micropython_org_gives_is_the_same_image(tmp_path: Path) -> None:
-    """Blocks of 256 bytes in UF2, as its specification draws them."""
+    """Blocks of 256 bytes in UF2, as described in its specification."""
     plain, blocks = find_image().contents(), []
     for at in range(0, len(plain), 256):
         data = plain[at : at + 256].ljust(256, b"\0")
@@ -282,7 +282,7 @@ for f, a, b in ((add, 12345678, 56781234), (div, 99999991, 45481), (div, 9999999
 
 
 def test_arithmetic_takes_the_time_measured_on_a_real_pico(tmp_path: Path) -> None:
-    """Published for an RP2040 at 125 MHz whose interpreter is in RAM: 80, 126 and 134 ms."""
+    """Published times for an RP2040 at 125 MHz whose interpreter is in RAM: 80, 126 and 134 ms."""
     usual = find_image().firmware
     image = usual.with_name(f"{usual.stem}-vm-in-sram{usual.suffix}")
     if not image.is_file():
@@ -306,7 +306,7 @@ while True:
 
 
 def test_the_fast_core_agrees_with_the_core_of_the_emulator(tmp_path: Path) -> None:
-    """Instruction by instruction from power-on into a program: registers and flags."""
+    """Registers and flags are compared instruction by instruction from power-on into a program."""
     make_flash(tmp_path / "chip", find_image().contents(), firmware(tmp_path / "fw", main=BUSY))
     script = Path(__file__).with_name("lockstep.mjs")
     words = [

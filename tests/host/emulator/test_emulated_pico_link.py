@@ -38,13 +38,13 @@ PICO = BoardSettings(interpreter="rp2040", pico=PicoSettings(miss_cycles=0))
 
 
 def pico(folder: Path, program: str) -> VirtualNode:
-    """A board whose link follows real time."""
+    """Return a board whose link follows real time."""
     flash = Flash(firmware(folder / "fw", main=program))
     return VirtualNode(StillMotion(), flash, board=PICO, clock=Clock("paced"), own_process=False)
 
 
 def spent(folder: Path, host: Host) -> int:
-    """ms of the longest write of FLOOD, by the board's own clock."""
+    """Return the duration of the longest write of FLOOD, ms, by the board's own clock."""
     flash = Flash(firmware(folder / "fw", main=FLOOD))
     clock = Clock("stepped", run_for=4.0)
     with VirtualNode(StillMotion(), flash, board=PICO, clock=clock, host=host, own_process=False) as board:
@@ -67,7 +67,7 @@ def test_a_host_that_unplugs_meets_a_new_terminal_and_the_program_has_gone_on(tm
         with Terminal(board.port) as host:
             host.until(b"\n")
             lines = [int(line) for line in host.until(b"000400\n").split()]
-        # The device's buffer holds what was said meanwhile; what was on its way to the host is gone.
+        # The device's buffer holds what was sent meanwhile; data in transit to the host is lost.
         assert lines == list(range(lines[0], 401)) and sent - 2 <= lines[0] <= sent + 2
         assert board.stats["t"] < 2.0
         assert board.stats["resets"] == []

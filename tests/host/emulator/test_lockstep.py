@@ -29,7 +29,7 @@ def lockstep_node(tmp_path):
 
 
 def run_in_steps(node, step, asked=b""):
-    """[(ns, bytes)] of what the node sends in steps of so many s; asked: what its host says at 1 s."""
+    """Return [(ns, bytes)] that the node sends in steps of `step` s; asked: bytes sent by its host at 1 s."""
     host = os.open(node.port, os.O_RDWR | os.O_NOCTTY)
     tty.setraw(host)
     output = []
@@ -64,7 +64,7 @@ def test_bytes_of_the_host_arrive_before_the_board_continues(tmp_path):
     with lockstep_node(tmp_path) as node:
         output = run_in_steps(node, 0.01, request(1, TimeRequest(b"12345678")))
     ((t_ns, reply),) = messages(output, TimeReply)
-    # Asleep, the firmware looks for its host's bytes every 4 ms.
+    # While asleep, the firmware checks for bytes of its host every 4 ms.
     assert 1e9 <= t_ns < 1.01e9
     assert 1e6 <= reply.received_us <= reply.sent_us <= t_ns * 1e-3
 

@@ -1,4 +1,4 @@
-"""The virtual board's USB port as a host meets it: terminal, prompt, mpremote, unplugging, line noise."""
+"""The virtual board's USB port as seen by a host: terminal, prompt, mpremote, unplugging, line noise."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ def true_heading(drive, t):
 
 
 def fuse_with_compass(seed, iron, heading_of=None, start_sigma=2e-3):
-    """Return the drive and its fused track; heading_of: what turns the shown headings into others."""
+    """Return the drive and its fused track; heading_of: function that changes the compass headings."""
     drive = simulate_drive(seed, length=150.0)
     rng = np.random.default_rng([seed, 73])
     t = np.arange(0.5, drive.t[-1], 0.2)
@@ -82,7 +82,7 @@ def test_iron_beside_the_road_does_not_bend_the_track():
     ],
 )
 def test_headings_that_are_none_are_not_used(heading_of, reason):
-    """Noise, a compass that stands still, one that counts clockwise, one that drifts by a degree a second."""
+    """Noise, a stuck compass, one that counts clockwise, one that drifts by a degree per second."""
     drive, result = fuse_with_compass(7, Iron(), heading_of)
     (warning,) = [text for text in result.warnings if text.startswith("compass")]
     assert "its headings are not used" in warning
@@ -113,7 +113,7 @@ def test_a_field_beside_the_road_is_named_and_left_out():
         last = np.arange(0.5, drive.t[-1], 0.2)[-1]
         start, direction = rng.uniform(0.1, 0.6) * last, rng.uniform(-np.pi, np.pi)
         if abs(np.cos(direction)) < 0.4:
-            continue  # A field along the Earth's own turns nothing.
+            continue  # A field parallel to the Earth's own changes no heading.
         (line,) = [text for text in result.warnings if "beside the road" in text]
         shown = [float(word) for word in line.split("headings, ")[1].split(" s;")[0].split(" to ")]
         assert shown == pytest.approx([start, start + 0.3 * last], abs=4.0), (seed, line)

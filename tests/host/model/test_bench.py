@@ -14,7 +14,7 @@ ANGLES, STOP, TURN = (0.7, 2.0, -1.0), 4.0, 2.0
 
 
 def wanted_angle(t):
-    """Each turn is the quintic without rate and acceleration at its ends."""
+    """Each turn is the quintic with zero rate and acceleration at its ends."""
     number, into = divmod(t, STOP + TURN)
     start_angle, end = (ANGLES[int(number + k) % len(ANGLES)] for k in (0, 1))
     s = max(into - STOP, 0.0) / TURN
@@ -50,7 +50,7 @@ T = np.linspace(0.0, 4 * (REST + ROUND) + 2.0, 12001)
 
 @pytest.fixture(scope="module")
 def carried():
-    """(without, with the Earth): rate, slope and force at T."""
+    """Return (without, with the rotation of the Earth): rate, slope and force at T."""
     return [PoseSequence(POSES, REST, ROUND, latitude)(T) for latitude in (None, LATITUDE)]
 
 
@@ -88,7 +88,7 @@ def test_rate_and_force_during_a_turn_are_consistent(carried):
     for of, its in ((rate, slope), (with_earth, with_slope)):
         gained = np.cumsum(0.5 * step * (its[:, 1:] + its[:, :-1]), axis=1)
         assert np.abs(of[:, 1:] - of[:, :1] - gained).max() < 1e-4 < 1e-3 * np.abs(of).max()
-    # The Earth's own rate turns with gravity, by a slope of its own: too small to be seen beside the others.
+    # The Earth rate rotates with gravity, with a slope too small to be visible beside the others.
     earth, own = with_earth - rate, with_slope - slope
     assert np.array_equal(same, force)
     assert np.linalg.norm(earth, axis=0) == pytest.approx(EARTH_RATE)
@@ -106,7 +106,7 @@ def test_a_turn_is_about_one_axis_by_the_smallest_angle(carried):
 
 
 def test_the_smooth_step_has_the_returned_derivatives():
-    """Compared with differences; constant at both ends, and beyond them."""
+    """Compared with finite differences; constant at both ends and beyond them."""
     share = np.linspace(-0.2, 1.2, 1401)
     value, first, second = quintic_step(share)
     np.testing.assert_allclose(np.gradient(value, share)[2:-2], first[2:-2], atol=1e-5)

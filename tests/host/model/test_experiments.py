@@ -34,7 +34,7 @@ def circle(duration=20.0, speed=2.0, yaw_rate=0.25):
 
 @pytest.mark.parametrize(("seconds", "count"), [(74.0, 9), (84.0, 10), (100.0, 12)])
 def test_the_number_of_poses_follows_from_the_duration(seconds, count):
-    """Each rests for six seconds, and there are turns of 2.5 s between."""
+    """Each pose lasts six seconds, with turns of 2.5 s in between."""
     result = experiments.pose_experiment(seconds, np.random.default_rng(SEED), None)
     assert len(result.carried_motion.attitudes) == count
     assert count * 6.0 + (count - 1) * 2.5 <= seconds < (count + 1) * 6.0 + count * 2.5
@@ -64,14 +64,14 @@ def test_rates_and_noise_are_those_requested():
         assert result.nodes[name].t[-1] == pytest.approx(20.0 - 1 / 125.0)
     reference = result.reference
     assert len(reference) == 1000
-    # A standard deviation of 1000 draws is known to 2.2 %; four of these.
+    # A standard deviation of 1000 draws is known to 2.2 %; the tolerance is four of these.
     assert np.std(reference["speed"] - 2.0) == pytest.approx(0.05, rel=0.09)
     assert np.std(reference["yaw_rate"] - 0.25) == pytest.approx(0.002, rel=0.09)
     assert abs(np.mean(reference["speed"]) - 2.0) < 4 * 0.05 / 1000**0.5
 
 
 def test_noise_of_the_reference_depends_on_the_seed_only():
-    """So that the draw of a seed stays what it is, whatever nodes there are."""
+    """The draw of a seed must not depend on the nodes of the vehicle."""
     rng = np.random.default_rng([SEED, 0, *b"reference"])
     result = experiments.simulate_reference(
         model(speed_noise=0.05, yaw_rate_noise=0.002), circle(), 50.0, SEED

@@ -1,7 +1,7 @@
-"""The sensor chain of the forward model: each effect against its formula written down a second time.
+"""The sensor chain of the forward model: each effect against an independent formula.
 
-Besides: the order of the chain against a slow version of it, sample by sample, and what an absent effect must
-not do.
+Also tested: the order of the chain against a slow version, sample by sample, and that an absent effect
+changes nothing.
 """
 
 import re
@@ -51,7 +51,7 @@ def forward(t=None, power_on=0.0):
 
 
 def noise_free(effects=(), t=None, power_on=0.0):
-    """(gyro, accel), (3, N) each, without anything random."""
+    """Return (gyro, accel), (3, N) each, without any random effect."""
     reading = forward(t, power_on).mean_reading(list(effects), NodeInitialState(0.3))
     return reading.gyro, reading.accel
 
@@ -64,13 +64,13 @@ def sent(effects, seed=1, noise=QUIET, t=None):
 
 
 def sized(name, **some):
-    """The effect at numbers that differ from each other, or at those given."""
+    """Return the effect with distinct parameters, or with those given."""
     kind = BY_NAME[name]
     values = {p: kind.scale(p) * (1.0 + 0.3 * k) for k, p in enumerate(kind.parameters())}
     return kind(**(values | some))
 
 
-# Each line: what effect adds to the gyro and to the accelerometer, from rate w and force f (3, N), age and
+# Each line: change of gyro and accelerometer by the effect, from rate w and force f (3, N), age and
 # temperature (N,).
 ADDS = {
     "gyro_bias": lambda e, w, f, age, warm: (np.array([[e.x], [e.y], [e.z]]), 0),
@@ -125,7 +125,7 @@ def test_a_misaligned_node_measures_vectors_rotated_back():
     turn = Rotation.from_rotvec([0.02, -0.05, 0.4]).inv()
     np.testing.assert_allclose(gyro, turn.apply(rate.T).T, atol=1e-12)
     np.testing.assert_allclose(accel, turn.apply(force.T).T, atol=1e-12)
-    # By hand: the node turned by a small angle about its own z: its x axis sees some of what was along y.
+    # By hand: the node is turned by a small angle about its z axis, so its x axis measures a part of y.
     small = noise_free([NodeMisalignment(z=1e-6)])[1]
     np.testing.assert_allclose(small[0] - force[0], 1e-6 * force[1], rtol=1e-3, atol=1e-9)
 
@@ -161,7 +161,7 @@ def test_stamps_have_the_delay_and_the_skew():
 
 
 def test_readings_are_clipped_before_they_are_quantised():
-    """Calculated by hand: limit 1.0 and steps of 0.3: the largest reading is three steps, 0.9."""
+    """By hand: limit 1.0 and steps of 0.3; the largest reading is three steps, 0.9."""
     rate, force = noise_free()
     gyro, accel = noise_free([GyroSaturation(1.0), AccelSaturation(6.0)])
     np.testing.assert_array_equal(gyro, np.minimum(np.maximum(rate, -1.0), 1.0))
@@ -238,7 +238,7 @@ def test_each_effect_alone_changes_the_readings(kind):
 
 
 def slow_chain(values, w, f, age, warm):
-    """One sample through the whole chain, in its order; values: effect name -> its parameters."""
+    """Return one sample after the whole chain, in order; values: effect name -> its parameters."""
 
     def of(name, axes):
         return np.array([values[name][a] for a in axes])
@@ -293,7 +293,7 @@ def test_all_effects_of_the_sensor_together_act_in_the_order_of_the_chain(seed):
     result = forward(t).draw_reading(effects, NodeInitialState(0.3), QUIET, rng)
     for i in range(len(t)):
         gyro, accel = slow_chain(values, rate[:, i], force[:, i], t[i], 20.0 + 25.0 * t[i] / END)
-        # A value that lies halfway between two steps may round either way.
+        # A value halfway between two steps may be rounded either way.
         assert np.abs(result.gyro[:, i] - gyro).max() < 0.0101
         assert np.mean(np.abs(result.gyro[:, i] - gyro) < 1e-9) > 0.5
         np.testing.assert_allclose(result.accel[:, i], accel, atol=1e-9)

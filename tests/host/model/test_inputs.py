@@ -95,7 +95,7 @@ def test_at_other_times_a_correction_is_interpolated_linearly(start, end):
     t = np.linspace(start, end, 123)
     for interpolated, column in zip(CORRECTION.at(t), own(), strict=True):
         np.testing.assert_array_equal(interpolated, np.interp(t, UNEVEN, column))
-    # One time that is not its own.
+    # A single time that is not among those of the inputs.
     shifted = UNEVEN[20:60].copy()
     shifted[-1] += 1e-3
     np.testing.assert_array_equal(CORRECTION.at(shifted)[2], np.interp(shifted, UNEVEN, CORRECTION.distance))

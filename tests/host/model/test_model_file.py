@@ -1,4 +1,4 @@
-"""The model file: what is written reads back; each mistake is named with its place and the nearest word."""
+"""The model file: written values are read back; each mistake is named with its place and the nearest word."""
 
 import math
 from pathlib import Path

@@ -1,7 +1,7 @@
 """The forward model of a wheel against a rigid one moved through space and differentiated numerically.
 
 The rigid wheel is written from geometry alone and shares nothing with the model but speed and yaw rate, which
-are formulas here and splines there. Its angle is the solution of a differential equation by Runge and Kutta.
+are formulas here and splines there. Its angle is the solution of a differential equation by Runge-Kutta.
 """
 
 from dataclasses import replace
@@ -44,13 +44,13 @@ def yaw_slope(t):
 
 
 def driven():
-    """The same drive as the model takes it."""
+    """Return the same drive as inputs of the model."""
     t = np.arange(0.0, END + 0.2, 0.01)
     return MotionInputs(fit_interpolating_spline(t, speed(t)), fit_interpolating_spline(t, yaw(t)))
 
 
 class RigidWheel:
-    """A wheel with a node, somewhere in the world at any time."""
+    """A wheel with a node, located in the world at any time."""
 
     def __init__(self, side, facing, effects, start):
         self.left, self.facing = side == "left", facing
@@ -83,14 +83,15 @@ class RigidWheel:
         return [v * np.cos(heading), v * np.sin(heading), r, brentq(too_far, -60, 60, xtol=1e-13)]
 
     def pose(self, t):
-        """Position of the sensing point (3,), attitudes of node and body (3, 3), in the world."""
+        """Return position of the sensing point (3,) and attitudes of node and body (3, 3) in the world."""
         x, y, heading, angle = self.at(t)
         c, s = np.cos(heading), np.sin(heading)
         body = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
         lean = self.camber if self.left else -self.camber
         tilt = np.array([[1, 0, 0], [0, np.cos(lean), -np.sin(lean)], [0, np.sin(lean), np.cos(lean)]])
         axle, up = tilt @ [0, 1.0, 0], tilt @ [0, 0, 1.0]
-        # Rodrigues about the axle, which points left: rolling forwards takes the top of the wheel forwards.
+        # Rodrigues' formula about the axle, which points left: forward rolling moves the top of the wheel
+        # forward.
         k = np.array([[0, -axle[2], axle[1]], [axle[2], 0, -axle[0]], [-axle[1], axle[0], 0]])
         spoke = (np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k) @ up
         z = axle if self.facing == "left" else -axle
@@ -99,7 +100,7 @@ class RigidWheel:
         return np.array([x, y, 0]) + body @ (hub + node @ self.arm), body @ node, body
 
     def reads(self, t, h=2e-3):
-        """Angular rate (3,) and specific force (3,) in node axes, by differences of the fourth order."""
+        """Return angular rate (3,) and specific force (3,) in node axes, by fourth-order differences."""
         p, attitude, body = zip(*(self.pose(t + n * h) for n in (-2, -1, 0, 1, 2)), strict=True)
         acceleration = (-p[0] + 16 * p[1] - 30 * p[2] + 16 * p[3] - p[4]) / (12 * h * h)
         turning = (attitude[0] - 8 * attitude[1] + 8 * attitude[3] - attitude[4]) / (12 * h)
@@ -148,7 +149,7 @@ def test_rate_and_force_are_the_derivatives_of_a_rigid_wheel_in_space(effects, s
 
 
 def steady(v=0.0, r=0.0, angle=0.0, effects=(), side="left", facing="left", radius=0.3, track=1.0):
-    """(gyro (3,), accel (3,)) of a wheel that does the same for ever, at angle `angle`."""
+    """Return (gyro (3,), accel (3,)) of a wheel in steady motion, at angle `angle`."""
     inputs = MotionInputs(constant_spline(v, 0.0, 1.0), constant_spline(r, 0.0, 1.0))
     forward = NodeModel(inputs, np.zeros(1), NodeMount(side, facing), radius, track)
     reading = forward.mean_reading(effects, NodeInitialState(angle))
@@ -157,24 +158,21 @@ def steady(v=0.0, r=0.0, angle=0.0, effects=(), side="left", facing="left", radi
 
 @pytest.mark.parametrize(("angle", "force"), [(0.0, [G, 0, 0]), (np.pi / 2, [0, -G, 0]), (np.pi, [-G, 0, 0])])
 def test_at_standstill_gravity_rotates_with_the_wheel_angle(angle, force):
-    """Calculated by hand: at angle 0 the node's x axis points up.
-
-    After a quarter turn forwards it points forward.
-    """
+    """By hand: at angle 0 the node's x axis points up, and after a quarter turn forward it points forward."""
     gyro, accel = steady(angle=angle)
     np.testing.assert_allclose(accel, force, atol=1e-12)
     assert not gyro.any()
 
 
 def test_constant_speed_adds_the_centripetal_force_of_the_lever_arm():
-    """Calculated by hand: omega = v / R = 5 rad/s, arm 0.1 m on x: 2.5 m/s² towards the axle, along -x."""
+    """By hand: omega = v / R = 5 rad/s, arm 0.1 m on x: 2.5 m/s² towards the axle, along -x."""
     gyro, accel = steady(v=1.5, effects=[LeverArm(x=0.1)])
     np.testing.assert_allclose(gyro, [0, 0, 5.0])
     np.testing.assert_allclose(accel, [G - 2.5, 0, 0], atol=1e-12)
 
 
 def test_turning_on_the_spot_rolls_the_left_wheel_back_and_the_right_one_forward():
-    """Calculated by hand: r = 2 rad/s, track 1 m, R 0.25 m: wheel rates -4 and +4 rad/s."""
+    """By hand: r = 2 rad/s, track 1 m, R 0.25 m: wheel rates -4 and +4 rad/s."""
     for side, rate in (("left", -4.0), ("right", 4.0)):
         gyro, _ = steady(r=2.0, side=side, radius=0.25)
         np.testing.assert_allclose(gyro, [2.0, 0.0, rate])
@@ -198,7 +196,7 @@ def test_across_the_axle_the_yaw_rate_rotates_with_the_wheel():
 
 
 def test_on_a_grade_gravity_has_a_forward_component():
-    """Calculated by hand for 30 degrees: half of g along x of the body.
+    """By hand for 30 degrees: half of g along x of the body.
 
     A node at wheel angle 0 has x up and y forward.
     """
@@ -210,7 +208,7 @@ def test_on_a_grade_gravity_has_a_forward_component():
 
 
 def test_an_eccentric_wheel_turns_unevenly_within_a_turn_and_evenly_over_turns():
-    """Calculated by hand: 1 rad/s over 1 + A cos(theta - p): slowest where the radius is largest."""
+    """By hand: 1 rad/s over 1 + A cos(theta - p): slowest where the radius is largest."""
     inputs = MotionInputs(constant_spline(0.3, 0.0, 20.0), constant_spline(0.0, 0.0, 20.0))
     t = np.linspace(0.0, 4 * np.pi, 801)
     forward = NodeModel(inputs, t, NodeMount("left", "left"), 0.3, 1.0)
@@ -221,7 +219,7 @@ def test_an_eccentric_wheel_turns_unevenly_within_a_turn_and_evenly_over_turns()
 
 
 def test_a_node_on_the_body_measures_the_motion_of_the_body():
-    """Calculated by hand: 2 m/s on a circle of 4 m: 1 m/s² left; an arm of 0.4 m adds 0.1."""
+    """By hand: 2 m/s on a circle of 4 m: 1 m/s² left; an arm of 0.4 m adds 0.1."""
     inputs = MotionInputs(constant_spline(2.0, 0.0, 1.0), constant_spline(0.5, 0.0, 1.0))
     forward = NodeModel(inputs, np.zeros(1), NodeMount(), R, B)
     plain, off = (
@@ -236,10 +234,7 @@ def test_a_node_on_the_body_measures_the_motion_of_the_body():
 
 
 def test_the_earth_turns_under_a_bench_about_its_own_axis():
-    """Calculated by hand in east, north, up: Earth rate lies north and up.
-
-    Body x at azimuth A - heading from north.
-    """
+    """By hand: Earth rate lies north and up, and body x is at azimuth A - heading from north."""
     latitude, azimuth = 0.8, 0.6
     t = np.linspace(0.0, 4.0, 401)
     inputs = MotionInputs(

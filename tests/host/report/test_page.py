@@ -1,4 +1,4 @@
-"""A page opens alone: no request leaves it, what is in it is escaped, and its figures are drawn."""
+"""A page is self-contained: it loads nothing, its texts are escaped, and its figures are drawn."""
 
 import re
 from html.parser import HTMLParser
@@ -10,7 +10,7 @@ from hubodo.pages.page import COLOURS, PageTable, Section, new_plotly_figure, re
 
 
 class Links(HTMLParser):
-    """Every address that the markup itself would fetch."""
+    """Return every address that the markup itself would fetch."""
 
     def __init__(self):
         super().__init__()

@@ -41,7 +41,7 @@ def test_the_registers_of_an_rp2040_are_those_of_its_data_sheet() -> None:
     """
     assert _after("pico", "reset pin")["registers"] == {"40058008": 0, "40064008": 1 << 16}
     assert _after("pico", "brown-out")["registers"] == {"40058008": 0, "40064008": 1 << 8}
-    # A watchdog reset leaves the record of the chip-level reset before.
+    # A watchdog reset preserves the record of the previous chip-level reset.
     assert _after("pico", "reset pin", "watchdog")["registers"] == {"40058008": 1, "40064008": 1 << 16}
     assert _after("pico", "machine.reset")["registers"] == {"40058008": 2, "40064008": 1 << 8}
 

@@ -30,7 +30,7 @@ def test_stalls_that_begin_within_another_stall_follow_it() -> None:
     schedule = EventSchedule((Stall(2.0, 0.5), Stall(1.0, 1.2), Stall(9.0, 1.0)), None)
     assert schedule.quiet_until == 1.0 * SECOND and schedule.next_time == FOREVER
     assert schedule.apply_stalls(0.5 * SECOND) == (0, 0.5 * SECOND)
-    # The first delays the call from 1.0 to 2.2 s, where the second one has begun.
+    # The first stall delays the call from 1.0 to 2.2 s, when the second stall has begun.
     assert schedule.apply_stalls(1.0 * SECOND) == (2, 2.7 * SECOND)
     assert schedule.quiet_until == 9.0 * SECOND
 
@@ -38,7 +38,7 @@ def test_stalls_that_begin_within_another_stall_follow_it() -> None:
 def test_the_watchdog_is_due_a_timeout_after_it_was_last_fed() -> None:
     schedule = EventSchedule((), None)
     watchdog = schedule.handlers()[Op.WDT]
-    # Feeding one that was not started has no effect.
+    # Feeding a watchdog that was not started has no effect.
     watchdog(0, b"", 1.0 * SECOND)
     assert schedule.next_time == FOREVER
     watchdog(1, struct.pack("<I", 2000), 1.0 * SECOND)

@@ -48,7 +48,7 @@ def samples_of(drive, seconds):
     """Return the plan of two topics with the samples of a drive."""
     plan = []
     for name, table in drive.nodes.items():
-        table.accel[:, 0] += 1e-9 * np.arange(len(table.t))  # no two samples are equal, at standstill neither
+        table.accel[:, 0] += 1e-9 * np.arange(len(table.t))  # all samples differ, also at standstill
         for t, gyro, accel in zip(table.t.tolist(), table.gyro.tolist(), table.accel.tolist(), strict=True):
             if t < seconds:
                 values = {"gyro": gyro, "accel": accel, "variances": [1e-4, 0.01]}
