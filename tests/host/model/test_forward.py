@@ -161,7 +161,7 @@ def test_stamps_have_the_delay_and_the_skew():
 
 
 def test_readings_are_clipped_before_they_are_quantised():
-    """By hand: limit 1.0 and steps of 0.3; the largest reading is three steps, 0.9."""
+    """Calculated by hand: limit 1.0 and steps of 0.3; the largest reading is three steps, 0.9."""
     rate, force = noise_free()
     gyro, accel = noise_free([GyroSaturation(1.0), AccelSaturation(6.0)])
     np.testing.assert_array_equal(gyro, np.minimum(np.maximum(rate, -1.0), 1.0))

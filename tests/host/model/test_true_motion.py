@@ -158,21 +158,21 @@ def steady(v=0.0, r=0.0, angle=0.0, effects=(), side="left", facing="left", radi
 
 @pytest.mark.parametrize(("angle", "force"), [(0.0, [G, 0, 0]), (np.pi / 2, [0, -G, 0]), (np.pi, [-G, 0, 0])])
 def test_at_standstill_gravity_rotates_with_the_wheel_angle(angle, force):
-    """By hand: at angle 0 the node's x axis points up, and after a quarter turn forward it points forward."""
+    """Calculated by hand: at angle 0 the node's x axis points up, and after a quarter turn forward it points forward."""
     gyro, accel = steady(angle=angle)
     np.testing.assert_allclose(accel, force, atol=1e-12)
     assert not gyro.any()
 
 
 def test_constant_speed_adds_the_centripetal_force_of_the_lever_arm():
-    """By hand: omega = v / R = 5 rad/s, arm 0.1 m on x: 2.5 m/s² towards the axle, along -x."""
+    """Calculated by hand: omega = v / R = 5 rad/s, arm 0.1 m on x: 2.5 m/s² towards the axle, along -x."""
     gyro, accel = steady(v=1.5, effects=[LeverArm(x=0.1)])
     np.testing.assert_allclose(gyro, [0, 0, 5.0])
     np.testing.assert_allclose(accel, [G - 2.5, 0, 0], atol=1e-12)
 
 
 def test_turning_on_the_spot_rolls_the_left_wheel_back_and_the_right_one_forward():
-    """By hand: r = 2 rad/s, track 1 m, R 0.25 m: wheel rates -4 and +4 rad/s."""
+    """Calculated by hand: r = 2 rad/s, track 1 m, R 0.25 m: wheel rates -4 and +4 rad/s."""
     for side, rate in (("left", -4.0), ("right", 4.0)):
         gyro, _ = steady(r=2.0, side=side, radius=0.25)
         np.testing.assert_allclose(gyro, [2.0, 0.0, rate])
@@ -196,7 +196,7 @@ def test_across_the_axle_the_yaw_rate_rotates_with_the_wheel():
 
 
 def test_on_a_grade_gravity_has_a_forward_component():
-    """By hand for 30 degrees: half of g along x of the body.
+    """Calculated by hand for 30 degrees: half of g along x of the body.
 
     A node at wheel angle 0 has x up and y forward.
     """
@@ -208,7 +208,7 @@ def test_on_a_grade_gravity_has_a_forward_component():
 
 
 def test_an_eccentric_wheel_turns_unevenly_within_a_turn_and_evenly_over_turns():
-    """By hand: 1 rad/s over 1 + A cos(theta - p): slowest where the radius is largest."""
+    """Calculated by hand: 1 rad/s over 1 + A cos(theta - p): slowest where the radius is largest."""
     inputs = MotionInputs(constant_spline(0.3, 0.0, 20.0), constant_spline(0.0, 0.0, 20.0))
     t = np.linspace(0.0, 4 * np.pi, 801)
     forward = NodeModel(inputs, t, NodeMount("left", "left"), 0.3, 1.0)
@@ -219,7 +219,7 @@ def test_an_eccentric_wheel_turns_unevenly_within_a_turn_and_evenly_over_turns()
 
 
 def test_a_node_on_the_body_measures_the_motion_of_the_body():
-    """By hand: 2 m/s on a circle of 4 m: 1 m/s² left; an arm of 0.4 m adds 0.1."""
+    """Calculated by hand: 2 m/s on a circle of 4 m: 1 m/s² left; an arm of 0.4 m adds 0.1."""
     inputs = MotionInputs(constant_spline(2.0, 0.0, 1.0), constant_spline(0.5, 0.0, 1.0))
     forward = NodeModel(inputs, np.zeros(1), NodeMount(), R, B)
     plain, off = (
@@ -234,7 +234,7 @@ def test_a_node_on_the_body_measures_the_motion_of_the_body():
 
 
 def test_the_earth_turns_under_a_bench_about_its_own_axis():
-    """By hand: Earth rate lies north and up, and body x is at azimuth A - heading from north."""
+    """Calculated by hand: Earth rate lies north and up, and body x is at azimuth A - heading from north."""
     latitude, azimuth = 0.8, 0.6
     t = np.linspace(0.0, 4.0, 401)
     inputs = MotionInputs(

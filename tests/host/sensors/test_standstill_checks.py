@@ -91,7 +91,7 @@ def test_a_temperature_step_is_detected_and_a_warm_up_is_not_one():
     result = find_temperature_step(t, 25 + noise + 5.0 * (t > 1800))
     assert result.t == pytest.approx(1800, abs=70)
     assert result.change == pytest.approx(5.0, abs=0.3)
-    # A room that is aired changes the part within minutes, not at once.
+    # The temperature of a ventilated room reaches the part within minutes, not at once.
     slow = find_temperature_step(
         t, 25 + noise - np.where(t > 1800, 8.0 * (1 - np.exp(-(t - 1800) / 240)), 0.0)
     )

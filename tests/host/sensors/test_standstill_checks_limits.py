@@ -35,7 +35,7 @@ def refused(gyro, interval=None):
 
 @pytest.mark.parametrize("noise, accepted", [(0.029, True), (0.031, False)])
 def test_the_noise_of_a_gyro_is_the_deviation_of_its_samples_and_knocks_are_none(noise, accepted):
-    """1 sigma of a sample, told to the scatter of 8,000."""
+    """1 sigma of a sample, determined by 8,000 samples."""
     gyro = gyro_of(noise) * np.array([0.2, 1.0, 0.5])
     gyro[::500] += 3.0
     text_part = refused(gyro)
@@ -53,7 +53,7 @@ def test_the_offset_of_a_gyro_is_that_of_its_worst_axis_either_way(sign):
 
 @pytest.mark.parametrize("interval", [0.25, 0.1, 0.01])
 def test_white_noise_is_that_of_the_worst_axis_whatever_the_rate(interval):
-    """White noise has an angle random walk of sigma times the root of the interval."""
+    """White noise sigma per sample is an angle random walk of sigma times the root of the interval."""
     gyro = gyro_of(0.01, 0.2) * np.array([0.3, 1.0, 0.5])
     assert angle_random_walk(gyro, interval) == pytest.approx(0.01 * np.sqrt(interval), rel=0.1)
 
@@ -119,7 +119,7 @@ def test_the_norm_of_gravity_identifies_the_unit(size, words):
 
 
 def quiet(blocks, wander=0.5):
-    """(N, 1) at 100 Hz: each second the same noise of 1 sigma 1, its mean `wander` up and down in turn."""
+    """Return (N, 1) at 100 Hz: unit noise whose mean alternates by `wander` from second to second."""
     noise = np.tile([1.0, -1.0], SIZE // 2)
     level = wander * (-1.0) ** np.arange(blocks)
     return (level[:, None] + noise).reshape(-1, 1)
@@ -132,7 +132,7 @@ def found_in(values):
 @pytest.mark.parametrize("sigmas, shifted", [(9.8, False), (10.2, True)])
 @pytest.mark.parametrize("wander", [0.5, 0.0])
 def test_a_step_of_ten_of_the_usual_steps_is_movement(sigmas, shifted, wander):
-    """Usual: the median step told as a sigma, no less than what noise alone makes of means, 1 / sqrt(100)."""
+    """The usual step is the median one as a sigma, but at least that of unit noise, 1 / sqrt(100)."""
     usual = max(1.4826 * 2 * wander, 0.1)
     values = quiet(40, wander)
     values[20 * SIZE :] += sigmas * usual - 2 * wander
@@ -144,7 +144,7 @@ def test_a_step_of_ten_of_the_usual_steps_is_movement(sigmas, shifted, wander):
 
 @pytest.mark.parametrize("times, shifted", [(2.80, False), (2.90, True)])
 def test_a_second_that_is_far_noisier_is_movement(times, shifted):
-    """Twice, and six sigma of how a deviation of 100 samples scatters, 1 / sqrt(200)."""
+    """The limit is twice, plus six sigma of the scatter of a deviation of 100 samples, 1 / sqrt(200)."""
     assert 2.80 < 2 * (1 + 6 / np.sqrt(2 * SIZE)) < 2.90
     values = np.hstack([quiet(40, 0.0), quiet(40, 0.0)])
     values[20 * SIZE : 21 * SIZE, 1] *= times
@@ -161,7 +161,7 @@ def test_single_samples_however_far_off_are_no_movement_in_any_unit(unit):
 
 
 def test_behind_a_coarse_converter_half_its_smallest_step_is_the_noise():
-    """So single steps, and larger ones, are none; a second on the next step is."""
+    """Single samples one or more steps off are no movement; a second on the next step is one."""
     values = np.zeros((40 * SIZE, 1))
     values[[500, 2000, 2950]] = [[1.0], [100.0], [-1.0]]
     assert found_in(values) == []

@@ -1,4 +1,4 @@
-"""Stated units are believed; motion and times in another unit are not taken for a unit of the rate."""
+"""Stated units are not checked; motion and wrong time units are not mistaken for another unit of the rate."""
 
 import numpy as np
 import pytest

@@ -59,7 +59,7 @@ def test_missing_samples_are_not_invented_and_the_deviation_stays_that_of_the_co
     gappy = allan_deviation(np.where(present, samples, 1e9), 0.01, present=present)
     both = np.isin(complete.factors, gappy.factors)
     error = gappy.adev / complete.adev[both] - 1
-    # 2 % missing lift white noise by 1 %; the longest windows lose pairs to the gap.
+    # With 2 % of the samples missing white noise rises by 1 %; the longest windows lose pairs at the gap.
     assert np.all(np.abs(error[gappy.tau < 50]) < 0.03)
     assert gappy.pairs[0] < complete.pairs[0]
 
@@ -68,7 +68,7 @@ def test_a_record_without_missing_samples_gives_the_same_by_both_ways():
     samples = np.random.default_rng(SEED).normal(size=5000)
     present = np.ones(5001, bool)
     present[-1] = False
-    # Below ten samples, nine tenths of a window are all of it.
+    # Below ten samples, nine tenths of a window are the whole window.
     gappy = allan_deviation(np.append(samples, 0.0), 1.0, [1, 4, 9], present)
     assert gappy.adev == pytest.approx(allan_deviation(samples, 1.0, [1, 4, 9]).adev, rel=1e-9)
 

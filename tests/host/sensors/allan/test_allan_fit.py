@@ -32,12 +32,13 @@ def test_degrees_of_freedom_agree_with_greenhall_and_riley_in_allantools(term, a
     theirs = [
         allantools.edf_greenhall(alpha, 2, int(m), samples, overlapping=True, modified=False) for m in factors
     ]
-    # Their tables give edf to some percent in mid-range; at m = 16 ours still sees single samples.
+    # allantools' tables give the edf to some percent in mid-range; at m = 16 ours still depends on single
+    # samples.
     assert edf(term, samples, factors) == pytest.approx(theirs, rel=0.06)
 
 
 def test_white_noise_at_factor_one_has_two_thirds_of_a_degree_per_sample():
-    """c(0) = 2, c(+-1) = -1 of the differences: edf = 2 n / 3, by hand."""
+    """Hand calculation: the autocovariance of the differences is c(0) = 2, c(+-1) = -1, so edf = 2 n / 3."""
     assert edf(1, 100_000, np.array([1]))[0] == pytest.approx(2 * 100_000 / 3, rel=1e-4)
 
 
@@ -54,17 +55,17 @@ def test_the_covariance_of_all_points_is_that_of_many_simulated_records():
         )
         theta = np.array([truth.get(name.lower(), 0.0) for name in TERMS])
         model = avar_covariance(covariance_tensor(factors, samples, 1.0), theta)
-        # A random walk of sums is not one averaged over the interval: their first factors differ.
+        # A sum of random-walk steps is not a walk averaged over the interval, so the first factors differ.
         first = 2 if "k" in truth else 0
         spread = np.sqrt(np.diag(model))[first:]
         error = (np.cov(result.T)[first:, first:] - model[first:, first:]) / np.outer(spread, spread)
-        # A correlation from 1500 runs is known to 0.026 (0.037 on the diagonal); 28 of them reach 3.5 of
-        # these.
+        # A correlation from 1500 runs has a sigma of 0.026 (0.037 on the diagonal); 28 of them reach 3.5
+        # sigma.
         assert np.max(np.abs(error)) < 0.13, (truth, seed)
 
 
 def test_generalised_covariance_gives_the_allan_variance_of_ieee_952():
-    """The variance of D^2 / 2 is half the square of its mean: the tensor must hold the design within it."""
+    """The variance of D^2 / 2 is twice the square of its mean, so the tensor contains the design matrix."""
     samples = 10
     factors = np.array([5])
     # One pair of windows only: D is one Gaussian number, so Var = 2 mean^2.
@@ -82,14 +83,14 @@ def test_the_slope_of_noise_has_the_stated_sigma():
     for truth in ({"n": 1.0}, {"b": 1.0}, {"k": 1.0}):
         slopes = [float(t @ gyro_noise(samples, 1.0, rng, **truth) / (t @ t)) for _ in range(600)]
         theta = np.array([truth.get(name.lower(), 0.0) for name in TERMS])
-        # 600 runs give a standard deviation to 2.9 %; Kasdin's flicker starts from rest, which costs some
+        # 600 runs give a standard deviation to 2.9 %; Kasdin's flicker starts from zero, which costs some
         # percent.
         assert np.std(slopes) == pytest.approx(slope_sigma(theta, samples), rel=0.12), (truth, seed)
 
 
 @pytest.mark.parametrize("seed", range(2))
 def test_known_terms_come_back_within_their_sigmas_and_the_stated_percent(seed):
-    """K 5 %, N 5 %, B 20 %, Q 5 % of a truth that the record shows.
+    """K 5 %, N 5 %, B 20 % and Q 5 % of a truth that is visible in the record.
 
     tests/accuracy/allan_truth.py has 50 seeds.
     """
@@ -105,7 +106,7 @@ def test_known_terms_come_back_within_their_sigmas_and_the_stated_percent(seed):
 
 
 def test_the_fit_has_a_degree_of_freedom_for_each_point_that_no_term_takes():
-    """Sixteen octaves of white noise: twelve degrees beside N, B, K and band."""
+    """Sixteen octaves of white noise leave twelve degrees of freedom beside N, B, K and the band."""
     samples, chi2 = 1 << 18, []
     for seed in range(8):
         fit = characterise_noise(
@@ -114,7 +115,7 @@ def test_the_fit_has_a_degree_of_freedom_for_each_point_that_no_term_takes():
         assert fit.dof == len(fit.factors) - 4 - (fit.terms["R"].value is not None), seed
         chi2.append(fit.chi2 / fit.dof)
     print("chi-square over its degrees, seeds 0..7:", np.round(chi2, 2))
-    # Eight times twelve degrees: the mean is 1 with 14 %, and a little less as a bad start is left out.
+    # Eight times twelve degrees of freedom: the mean is 1 ± 14 %, slightly less as a bad start is left out.
     one_sigma = np.sqrt(2.0 / (12 * len(chi2)))
     assert 1.0 - 3.0 * one_sigma < np.mean(chi2) < 1.0 + 3.0 * one_sigma
 
@@ -123,21 +124,21 @@ def test_the_fit_has_a_degree_of_freedom_for_each_point_that_no_term_takes():
     ("samples", "octaves", "left"), [(12, 2, 1), (24, 3, 1), (50, 4, 1), (100, 5, 1), (200, 6, 2)]
 )
 def test_no_more_terms_are_fitted_than_points_can_hold(samples, octaves, left):
-    """Only as many of N, band, K and B, in this order, are fitted as leave one degree of freedom."""
+    """Terms are fitted in the order N, band, K, B, as long as one degree of freedom is left."""
     points = allan_deviation(gyro_noise(samples, DT, np.random.default_rng(1), n=1e-3), DT)
     fit = fit_noise(points, 0.0, lambda: points)
     assert (len(fit.factors), fit.dof) == (octaves, left)
 
 
 def test_points_that_a_late_start_leaves_out_are_no_degrees_of_freedom():
-    """A gyro behind a low-pass of ten samples: its shortest averaging times are not of these terms."""
+    """A gyro behind a low-pass of ten samples: these terms do not describe its shortest averaging times."""
     samples = 1 << 18
     rough = gyro_noise(samples + 40, DT, np.random.default_rng(3), n=1e-3)
     smooth = np.convolve(rough, np.exp(-np.arange(40) / 10.0) / 10.0, "valid")[:samples]
     fit = characterise_noise(np.arange(samples) * DT, smooth, "gz").fit
     assert fit.factors[0] > 1
     assert fit.band < 0
-    # Octaves from the first that was fitted to the sixth part of the record; N, B, K and the band.
+    # Octaves from the first fitted one to a sixth of the record; N, B, K and the band.
     assert fit.dof == len(fit.factors) - 4
     assert fit.factors.tolist() == [2**k for k in range(int(np.log2(fit.factors[0])), 64)][: len(fit.factors)]
 
@@ -167,7 +168,7 @@ def test_white_noise_before_a_low_pass_is_estimated_within_sigma(electronics, te
 
 
 def test_a_walk_that_is_not_claimed_is_below_its_limit():
-    """Near what can be claimed, a limit has to hold of the records in which it was not."""
+    """Near the detection limit, an upper limit must hold in the records that do not claim the term."""
     samples, truth, hidden, held = 1 << 15, {"n": 1e-3, "k": 4.5e-5}, 0, 0
     for seed in range(12):
         noise = gyro_noise(samples, DT, np.random.default_rng([seed, 19]), **truth)
@@ -175,7 +176,7 @@ def test_a_walk_that_is_not_claimed_is_below_its_limit():
         hidden += term.value is None
         held += term.value is None and term.limit > truth["k"]
     print(f"seeds 0..11: {hidden} not claimed, {held} of them below the limit")
-    # Of twenty limits one may fail; three or more of twelve at most twice in a hundred.
+    # Each limit fails once in twenty; three or more failures among twelve occur in 2 % of cases.
     assert hidden >= 5
     assert hidden - held < 3
 
@@ -202,14 +203,14 @@ def test_hidden_terms_are_null_with_reason_limit_and_sufficient_record_length():
     assert result["limit_95"] > truth["k"]
     assert report.best_tau is None
     assert any("a longer record would show" in note for note in report.notes)
-    # What was promised for the limit: a walk of that size is seen in a record of that length.
+    # A random walk of the stated limit is detected in a record of the stated length.
     needed = round(result["record_needed_s"] / DT)
     walk = gyro_noise(needed, DT, np.random.default_rng(seed), n=1e-3, k=result["limit_95"])
     assert characterise_noise(np.arange(needed) * DT, walk, "gz").fit.terms["K"].value is not None
 
 
 def test_the_sigma_of_white_noise_is_that_of_the_number_of_samples():
-    """1 sigma of N, relative: 1 / sqrt(2 n) at best, and as single differences have it, 2 n / 3 degrees."""
+    """Relative 1 sigma of N: at best 1 / sqrt(2 n); single differences have 2 n / 3 dof."""
     samples = 1 << 14
     points = allan_deviation(
         gyro_noise(samples, DT, np.random.default_rng(2), n=1e-3), DT, 2 ** np.arange(11)
@@ -218,7 +219,7 @@ def test_the_sigma_of_white_noise_is_that_of_the_number_of_samples():
     best = likelihood.maximise((N,))
     sigma = _relative_white_noise_sigma(likelihood, best)
     assert 0.97 / np.sqrt(2.0 * samples) < sigma < 1.03 / np.sqrt(4.0 * samples / 3.0)
-    # The variance is wrong by what the model is, and N by half of that.
+    # The relative error of N is half that of the variance.
     likelihood.misfit = 0.2
     ends = profile_interval(likelihood, best, N)
     wrong = np.sqrt(
@@ -240,7 +241,7 @@ def test_the_limit_of_an_insignificant_ramp_covers_its_signed_estimate(slope):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_quantisation_as_strong_as_white_noise_is_distinguished_from_it(seed):
-    """3 Q²/tau² = N²/tau at the first averaging time: there its variance is twice that of the white noise."""
+    """3 Q²/tau² = N²/tau at the first averaging time, where the variance is twice that of the white noise."""
     samples, n = 1 << 15, 1e-3
     q = n * np.sqrt(DT / 3.0)
     noise = gyro_noise(samples, DT, np.random.default_rng(seed), n=n, q=q)
@@ -251,7 +252,7 @@ def test_quantisation_as_strong_as_white_noise_is_distinguished_from_it(seed):
 
 
 def test_white_noise_alone_gives_no_other_term_in_most_records():
-    """One false alarm in a thousand for each of four terms: of eight records two have one once in 2000."""
+    """One false alarm in a thousand per term: two of eight records have one once in 2000 runs."""
     wrong = 0
     for seed in range(8):
         samples = 1 << 15
@@ -271,7 +272,7 @@ def test_intervals_of_95_percent_cover_the_truth_95_times_in_a_hundred():
         true = 1e-3 / np.sqrt(report.points.tau)
         inside += int(np.count_nonzero((report.low < true) & (true < report.high)))
         total += len(true)
-    # About four independent points each: one sigma is 2.2 %.
+    # About four independent points each: 1 sigma is 2.2 %.
     one_sigma = np.sqrt(0.05 * 0.95 / (4 * records))
     assert -2.3 < (inside / total - 0.95) / one_sigma < 2.0
 
@@ -289,10 +290,7 @@ def test_a_temperature_step_suppresses_slow_terms_but_not_white_noise():
 
 
 def test_the_maytag_stop_is_the_one_that_wins_on_simulated_stops():
-    """The stop that is given is best for half differences of adjacent stops with turns in between.
-
-    They are averaged over a fixed time.
-    """
+    """The recommended stop is the best one for half differences of adjacent stops in a fixed time."""
     truth, turn, total = {"n": 1e-3, "b": 1e-3, "k": 3e-5}, 2.0, 2000.0
     samples = 1 << 18
     noise = gyro_noise(samples, 0.1, np.random.default_rng(1), **truth)
@@ -306,7 +304,7 @@ def test_the_maytag_stop_is_the_one_that_wins_on_simulated_stops():
         per = max(1, round(total / (2 * (length + turn))))
         groups = pairs[: len(pairs) // per * per].reshape(-1, per).mean(axis=1)
         errors[length] = float(np.sqrt(np.mean(groups**2)))
-    # 13 groups each: an rms to 20 %; six times off costs more than that at both sides or is level.
+    # 13 groups each give an rms to 20 %; a stop six times too long or too short is no better.
     assert errors[stop] < 1.25 * min(errors.values()), errors
 
 

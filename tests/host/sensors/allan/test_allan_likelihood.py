@@ -20,7 +20,7 @@ def test_the_variances_of_unit_terms_are_those_of_the_standard():
 
 @pytest.mark.parametrize("factor", [1, 4, 64])
 def test_the_density_of_an_octave_and_a_slope_integrates_to_the_same_for_any_noise(factor):
-    """White noise of 1e-4 to 1e-1; over the slope, and the cube root of the octave, which is Gaussian."""
+    """White noise of 1e-4 to 1e-1 over the slope and the cube root of the octave (nearly Gaussian)."""
     wholes = [integral(factor, density) for density in (1e-4, 3e-3, 1e-1)]
     assert wholes == pytest.approx([wholes[0]] * 3, rel=1e-6)
 
@@ -33,8 +33,8 @@ def integral(factor, density):
     )
     x = np.array([ABSENT_LOG_SQUARE] * 4 + [0.0, 0.0])
     x[N] = 2.0 * np.log(density)
-    # Each by itself, as they are independent; both are wide enough for a few per cent of the one and for the
-    # least-squares slope of white noise, N sqrt(12 / T³).
+    # Slope and octave are independent, so each is integrated by itself. Both ranges are wide enough for a few
+    # percent of the octave and for the least-squares slope of white noise, N sqrt(12 / T³).
     roots = np.cbrt(density**2 / tau) * np.linspace(0.3, 1.7, 301)
     slopes = density * np.sqrt(12.0 / reported.duration**3) * np.linspace(-8.0, 8.0, 301)
     along = [replace(reported, avar=np.array([root**3])).cost(x) for root in roots]

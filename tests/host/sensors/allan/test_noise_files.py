@@ -23,7 +23,7 @@ def simulated_axis(rng, density, walk):
 def files(tmp_path_factory):
     folder, rng = tmp_path_factory.mktemp("noise"), np.random.default_rng(SEED)
     t = np.arange(RATE_HZ * DURATION) / RATE_HZ
-    # Axes of different noise: the files hold the root mean square.
+    # Axes with different noise: the files contain the root mean square.
     gyro = [scale * simulated_axis(rng, GYRO_DENSITY, GYRO_WALK) for scale in (0.5, 1.0, 1.5)]
     accel = [simulated_axis(rng, ACCEL_DENSITY, ACCEL_WALK) + up for up in (0.0, 0.0, 9.81)]
     np.savetxt(

@@ -1,4 +1,4 @@
-"""The remark on a random walk that hardly any gyro has: degrees per second that are read as rad/s."""
+"""The warning about a random walk that hardly any gyro has: degrees per second read as rad/s."""
 
 import math
 
@@ -11,7 +11,7 @@ from hubodo.sensors.standstill_channel import read_standstill_channel
 
 
 def notes_of(sigma, channel="gz", rate=50.0):
-    """Return the remarks on white noise of `sigma` per sample, with units that are believed."""
+    """Return the warnings about white noise of `sigma` per sample with stated units."""
     rng = np.random.default_rng(17)
     n = 6000
     columns = {name: sigma * rng.standard_normal(n) for name in ("gx", "gy", "gz", "ax", "ay", "az")}

@@ -48,7 +48,7 @@ def test_delay_and_scale_of_the_reference_are_those_injected(drive_and_result):
 
 
 def test_errors_are_those_against_the_true_rate(drive_and_result):
-    """Each stated error is that of the estimate against the generator's rate, within the reference's."""
+    """Each stated error is that against the generator's rate, within the error of the reference."""
     drive, result = drive_and_result
     half = len(drive.t) // 2
     for score in result.scores:
@@ -57,7 +57,7 @@ def test_errors_are_those_against_the_true_rate(drive_and_result):
 
 
 def test_the_chosen_constants_are_close_to_the_best_for_the_second_half(drive_and_result):
-    """A fine search with the truth of the second half, in plain recursions, gains at most 10 % more."""
+    """A fine search that uses the truth of the second half gains at most 10 % more."""
     drive, result = drive_and_result
     half = len(drive.t) // 2
     bias = drive.z[:1700].mean()
@@ -100,7 +100,7 @@ def test_the_settings_are_within_the_bounds_of_the_firmware(drive_and_result):
 
 
 def test_quiet_samples_stay_raw():
-    """At the noise of a real chip a filter gains nothing against a wheel that accelerates."""
+    """A filter gains nothing on a wheel that accelerates, with the noise of a real chip."""
     _, recording = recorded(noise=1e-5)
     result = compare_filters(recording, "left", "gz", reference="wheels", standstills=[(0.0, 17.0)])
     assert result.chosen.candidate.kind == "raw"

@@ -41,7 +41,7 @@ def noise_file(**values):
 
 
 def log(path, gz, dt=DT, *, down=False, t=None, **tables):
-    """A folder with one node: z up, or hung upside down (turned about x), and whatever tables."""
+    """Write a folder with one node, z up or hung upside down (turned about x), and the given tables."""
     count = len(gz)
     rng = np.random.default_rng(count)
     columns = {name: rng.normal(0.0, 1e-3, count) for name in ("gx", "gy", "ax", "ay")}
@@ -55,14 +55,14 @@ def log(path, gz, dt=DT, *, down=False, t=None, **tables):
 
 
 def drive(seed, *, stationary=20.0, turns=8, scale=0.0, bias=0.01):
-    """Rest, then turns of 2 s with 8 s between: rate as measured, and the true heading. All (N,)."""
+    """Return the measured rate and the true heading, (N,) each: a rest, then turns of 2 s every 10 s."""
     rng = np.random.default_rng(seed)
     count = round((stationary + 10.0 * turns) / DT)
     t = np.arange(count) * DT
     phase = np.mod(t - stationary, 10.0)
     angles = rng.uniform(-2.0, 2.0, turns)
     which = np.clip(((t - stationary) // 10.0).astype(int), 0, turns - 1)
-    # A turn of the angle a in 2 s: rate a (1 - cos(pi s)) / 2, s the time in it in s.
+    # A turn by the angle a within 2 s has the rate a (1 - cos(pi s)) / 2 at s seconds.
     moving = (t >= stationary) & (phase < 2.0)
     rate = np.where(moving, 0.5 * angles[which] * (1.0 - np.cos(math.pi * phase)), 0.0)
     heading = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * DT)])
@@ -108,16 +108,17 @@ def test_on_a_table_the_warm_up_is_corrected_and_its_uncertainty_is_in_sigma(sim
     assert main(["warmup", str(bench), "--node", "frame", "-o", str(calibration)]) == 0
     capsys.readouterr()
     allan.write_text(noise_file(N=4e-3 * math.sqrt(DT)))
-    # At rest for the first twenty seconds alone: then nothing but the model knows of the warm-up.
+    # Only the first twenty seconds are at rest; afterwards only the model predicts the warm-up.
     words = ["heading", table, "--node", "frame", "--rest", 0, 19.5, "--allan", allan, "--scale-sigma", 0.001]
     result = run(*words, "--calibration", calibration, capsys=capsys)
     print(result["score"], result["sigma_deg"])
     assert result["score"]["against"] == "table.csv"
     assert abs(result["score"]["end_in_sigma"]) < 3.0
-    # As 4e-3 rad/s at 50 Hz: over 19.5 s 1.3e-4 rad/s of bias are left, 4.2 degrees in 580 s; the walk
-    # adds 0.8.
+    # 4e-3 rad/s at 50 Hz leave a bias sigma of 1.3e-4 rad/s after 19.5 s, 4.2 degrees in 580 s; the walk adds
+    # 0.8.
     assert result["sigma_deg"] == pytest.approx(math.hypot(4.25, 0.78), rel=0.15)
-    # C1 (t - T (1 - e^(-t/T))), t = 580 s: 0.006 rad/s times 153 s is 53 degrees; the mean takes some.
+    # C1 (t - T (1 - e^(-t/T))) at t = 580 s is 0.006 rad/s times 153 s, 53 degrees, partly removed by the
+    # mean.
     mean = result["score"]["less the mean of the first standstill"]["end_deg"]
     assert mean == pytest.approx(51.0, abs=10.0)
     assert result["score"]["integrated as it is"]["end_deg"] > 300.0
@@ -128,7 +129,7 @@ def test_every_stop_of_the_table_mends_the_heading(simulated, tmp_path, capsys):
     files = {name: tmp_path / f"heading.{name}" for name in ("csv", "png", "html")}
     bench, table, allan = simulated / "bench.mcap", simulated / "table.mcap", tmp_path / "allan.json"
     capsys.readouterr()
-    # An hour and a half after power-on the bench shows the noise alone.
+    # An hour and a half after power-on the bench measures the noise alone.
     allan.write_text(json.dumps(run("allan", bench, "--node", "frame", "--start", 5400, capsys=capsys)))
     words = ["-o", files["csv"], "--figure", files["png"], "--report", files["html"], "--allan", allan]
     result = run("heading", table, "--node", "frame", *words, capsys=capsys)
@@ -157,7 +158,7 @@ def test_a_node_upside_down_counts_the_same_way(tmp_path, capsys, down):
     assert result["upwards"] is not down
     assert result["score"]["against"] == "truth.csv"
     assert abs(result["score"]["end_in_sigma"]) < 3.5
-    # The course begins at the truth's heading; the bias is told as the axis has it from above.
+    # The heading starts at that of the truth; the bias has the sign of the axis seen from above.
     course = read_table(tmp_path / "h.csv", ("t", "heading", "sigma")).table
     assert course["heading"][0] == pytest.approx(0.7, abs=0.01)
     assert result["bias"]["value"] == pytest.approx(0.01, abs=5e-4)
@@ -166,7 +167,7 @@ def test_a_node_upside_down_counts_the_same_way(tmp_path, capsys, down):
 def test_errors_are_as_large_as_sigma_over_many_drives(tmp_path, capsys):
     off = []
     for seed in range(20):
-        # The rate was made with a scale that is off by 1 sigma of an uncalibrated gyro.
+        # The rate was generated with a scale error of 1 sigma of an uncalibrated gyro.
         scale = 0.01 * np.random.default_rng([seed, 1]).normal()
         rate, heading = drive(seed, turns=5, scale=scale)
         table = Table({"t": np.arange(len(rate)) * DT, "heading": heading})
@@ -174,13 +175,13 @@ def test_errors_are_as_large_as_sigma_over_many_drives(tmp_path, capsys):
         assert result["score"]["against"] == "heading.csv"
         off.append(result["score"]["end_in_sigma"])
     print("error at the end over sigma, seeds 0..19:", np.round(off, 2))
-    # Chi-square with 20 degrees lies below 45.3 in 99.9 % of cases. Sigma also holds 30 degrees an hour of
-    # flicker, which these gyros lack: no lower bound but that of a sigma three times too large.
+    # Chi-square with 20 dof lies below 45.3 in 99.9 % of cases. Sigma includes a flicker of 30 deg/h, which
+    # these gyros lack, so the lower bound only excludes a sigma three times too large.
     assert 20 / 9 < np.sum(np.square(off)) < 45.3
 
 
 def test_the_error_of_the_start_gyro_agrees_with_sigma(tmp_path, capsys):
-    """Cold START of the paper: 71 degrees of drift in five minutes, by a generator without code of ours."""
+    """The cold START gyro of the paper: 71 degrees of drift in five minutes, by an independent generator."""
     calibration = tmp_path / "c.toml"
     lines = [f"z = {{ value = {start.C1 * DEG}, sigma = 1e-5 }}"]
     lines += [f"time_constant = {{ value = {start.T}, sigma = 10.0 }}"]
@@ -190,7 +191,7 @@ def test_the_error_of_the_start_gyro_agrees_with_sigma(tmp_path, capsys):
     for seed in range(5):
         rate, output, age = start.run("random rates", np.random.default_rng(seed))
         t = np.arange(len(rate)) * start.DT
-        # A sample stands for the time about it: half of the one before, half of its own.
+        # A sample represents the interval around it: half of the previous one and half of its own.
         heading = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * start.DT)]) * DEG
         path = log(tmp_path / str(seed), output * DEG, start.DT, heading=Table({"t": t, "heading": heading}))
         words = [
@@ -212,7 +213,7 @@ def test_the_error_of_the_start_gyro_agrees_with_sigma(tmp_path, capsys):
 
 
 def test_a_stationary_real_gyro_treated_as_moving_drifts_within_sigma():
-    """ADIS16405: a minute at rest, then two or five minutes in which its turning is not known to be zero."""
+    """ADIS16405: a minute at rest, then two or five minutes in which the rate is not known to be zero."""
     node = read_folder(wanted.recording("static")).nodes["node"]
     off, white = [], []
     for axis, channel in enumerate(("gx", "gy", "gz")):
@@ -228,7 +229,7 @@ def test_a_stationary_real_gyro_treated_as_moving_drifts_within_sigma():
                     built.append(float(track.heading[-1] / track.sigma[-1]))
     size, alone = (float(np.sqrt(np.mean(np.square(built)))) for built in (off, white))
     print(f"{len(off)} stretches: error over sigma {size:.2f} rms; with white noise alone {alone:.2f}")
-    # Of so many independent ones the rms scatters by 5 %.
+    # The rms of that many independent values scatters by 5 %.
     assert 0.85 < size < 1.15
     assert alone > 1.5
 
@@ -236,7 +237,7 @@ def test_a_stationary_real_gyro_treated_as_moving_drifts_within_sigma():
 def test_sigma_includes_the_rotation_during_a_gap(tmp_path, capsys):
     rate, heading = drive(5)
     t = np.arange(len(rate)) * DT
-    # The middle of the fourth turn is lost.
+    # The samples in the middle of the fourth turn are missing.
     retained = (t < 50.4) | (t > 51.6)
     result = {}
     for name, rows in (("whole", np.full(len(t), True)), ("gap", retained)):
@@ -250,7 +251,7 @@ def test_sigma_includes_the_rotation_during_a_gap(tmp_path, capsys):
 
 
 def test_steady_motion_is_not_mistaken_for_a_standstill(tmp_path, capsys):
-    """Three quiet stretches, in the second of which the vehicle turns evenly by half a degree a second."""
+    """Three quiet sections; in the second one the vehicle turns steadily at half a degree per second."""
     rng = np.random.default_rng(6)
     t = np.arange(6000) * DT
     rough = ((t > 20) & (t < 40)) | ((t > 60) & (t < 80))
@@ -260,15 +261,15 @@ def test_steady_motion_is_not_mistaken_for_a_standstill(tmp_path, capsys):
     result = run("heading", path, capsys=capsys)
     (first, _), (_, last) = result["rests"]
     assert first < 1.0 and last > 119.0 and "are turns: 40." in " ".join(result["notes"])
-    # Even noise turns a little: 0.1 rad/s over 40 s at 50 Hz is 0.09 rad.
+    # White noise rotates slightly: 0.1 rad/s over 40 s at 50 Hz is 0.09 rad.
     assert result["turned_deg"]["heading"] == pytest.approx(10.0, abs=4 * math.degrees(0.09))
-    # A bias that drifts as a warm-up does is no such leap.
+    # A bias that drifts as in a warm-up is not such a jump.
     warm = rate + 0.005 * (1.0 - np.exp(-t / 300.0))
     assert len(run("heading", log(tmp_path / "warm", warm), capsys=capsys)["rests"]) == 3
 
 
 def test_the_heading_of_a_real_car_uses_given_standstills(tmp_path, capsys):
-    """Its truth is the course of an antenna: at a standstill and in parking it says nothing."""
+    """The truth is the course of an antenna, which is undefined at standstill and while parking."""
     path = wanted.recording("car") / "drive-1"
     status, err = run("heading", path, "--node", "frame", capsys=capsys)
     assert status == 2 and "--rest FROM TO" in err
@@ -282,7 +283,7 @@ def test_the_heading_of_a_real_car_uses_given_standstills(tmp_path, capsys):
     change = np.diff(off)
     print("degrees off between", at, np.degrees(change).round(2), "sigma", np.degrees(growth).round(2))
     assert np.all(np.abs(change) < 3.0 * growth)
-    # Over 75 s of road less than two degrees, which the filter says too.
+    # Over 75 s on the road the error is below two degrees, as the filter states.
     assert abs(change.sum()) < 2.0 * DEG and np.degrees(np.sqrt(np.sum(growth**2))) < 2.0
 
 
@@ -339,6 +340,6 @@ def test_without_standstill_the_calibrated_bias_is_used_with_its_sigma(tmp_path,
     calibration.write_text("[nodes.frame.effects.gyro_bias]\nz = { value = 0.01, sigma = 1e-5 }\n")
     result = run("heading", path, "--allan", allan, "--calibration", calibration, capsys=capsys)
     assert result["rests"] == [] and set(result["turned_deg"]) == {"heading", "integrated as it is"}
-    # A degree per second from day to day, for 60 s.
+    # A bias of one degree per second from day to day, for 60 s.
     assert result["sigma_deg"] == pytest.approx(60.0, rel=0.02)
     assert abs(result["turned_deg"]["heading"] - math.degrees(0.3 * (1 - math.cos(t[-1])))) < 1.0

@@ -1,4 +1,4 @@
-"""Standstills among steady turns: found where the record shows them, refused where it does not."""
+"""Standstills among steady turns: detected if the record shows them, otherwise refused."""
 
 import json
 

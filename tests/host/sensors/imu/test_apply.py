@@ -1,4 +1,4 @@
-"""A calibration applied: the formula both ways with its order and signs, portions, serials, power-on."""
+"""Application of a calibration: the formula in both directions, order, signs, portions, serials, power-on."""
 
 from dataclasses import replace
 
@@ -35,7 +35,7 @@ SIZES = {
 
 
 def drawn(seed):
-    """A calibration of every effect that is applied, drawn at plausible sizes."""
+    """Return a calibration with every applied effect, drawn at plausible sizes."""
     rng = np.random.default_rng(seed)
     effects = {}
     for name in SIZES:
@@ -64,7 +64,7 @@ def true_motion(seed, count=50):
 
 
 def chain(node, gyro, accel, age, temperature):
-    """The sensor chain written down again sample by sample, in its own order and with scipy's rotations."""
+    """Independent sensor chain, sample by sample, in its own order and with scipy's rotations."""
 
     def v(effect, name):
         return node.effects[effect].parameters[name].value
@@ -166,7 +166,7 @@ def test_supply_dependence_is_corrected_if_the_log_has_the_voltage(monkeypatch):
     unknown = Table({"t": np.arange(3.0), **columns})
     reported = Table({**unknown.columns, "supply": np.array([4.1, np.nan, 3.5])})
     built = apply_calibration({"left": reported}, calibration).nodes["left"]
-    # 0.4 V above 3.7 V, 0.1 V, which is between its neighbours, and 0.2 V below.
+    # 0.4 V above 3.7 V, 0.1 V interpolated between its neighbours, and 0.2 V below.
     np.testing.assert_allclose(built["gx"], [0.492, 0.498, 0.504], atol=1e-15)
     np.testing.assert_allclose(built["gz"], [0.504, 0.501, 0.498], atol=1e-15)
     np.testing.assert_array_equal(built["gy"], 0.5)
@@ -190,13 +190,14 @@ def test_numbers_that_no_sensor_has_are_refused(effect, values, words):
 
 
 def test_correcting_samples_or_passing_the_calibration_to_the_filter_gives_the_same_drive():
-    """And what was applied is not applied again by the filter's priors."""
+    """The filter's priors must not apply again what was applied."""
     built = short_drive(11)
     effects = {}
     for name, node in built.nodes.items():
         k = node.truth
         bias = {axis: Quantity(k[f"bias_{axis}"], 1e-3) for axis in "xyz"}
-        # All axes: one that is not given would be predicted from the others, with the calibration alone.
+        # All axes are given, because a missing one would be predicted from the others with the calibration
+        # alone.
         scale = {axis: Quantity(k["yaw_scale"], 1e-3) for axis in "xy"} | {
             "z": Quantity(k["spin_scale"], 1e-3)
         }

@@ -22,7 +22,7 @@ G = np.array([[1e-4, 2e-4, 0.0], [0.0, -2e-4, 1e-4], [1e-4, 0.0, -1e-4]])
 
 
 def rests_in(count, sigma=1e-6, g=0.0, noise=1e-6, seed=1, offset=1.0):
-    """Rates and force of rests in directions that are `away` from one another."""
+    """Return rates, their sigmas and forces of rests in directions that differ by `offset`."""
     rng = np.random.default_rng(seed)
     force = 9.81 * (np.array([0.0, 0.0, 1.0]) + offset * rng.standard_normal((count, 3)))
     rate = BIAS + g * force @ G.T + noise * rng.standard_normal((count, 3))
@@ -42,7 +42,7 @@ def test_of_few_rests_the_bias_is_their_mean_and_as_uncertain_as_they_scatter_or
 
 
 def test_two_rests_are_as_uncertain_as_each_is_known():
-    """Two standstills do not give a scatter."""
+    """Two standstills do not determine a scatter."""
     rate, known, force = rests_in(2, 1e-7, g=1.0)
     covariance = estimate_static_bias(rate, known, force)[1]
     assert covariance * 1e14 == pytest.approx(np.diag([1.0, 4.0, 9.0]) / 2)
@@ -66,7 +66,7 @@ def test_from_eight_rests_on_what_force_does_is_solved_for_by_least_squares(coun
 
 @pytest.mark.parametrize("p, believed", [(0.9e-3, True), (1.1e-3, False)])
 def test_a_g_sensitivity_is_accepted_below_a_p_value_of_one_in_a_thousand(p, believed):
-    """An F-test of nine slopes in three gyros together."""
+    """F-test of nine slopes of three gyros together."""
     count = 14
     noise = np.random.default_rng(3).standard_normal((count, 3))
     _, known, force = rests_in(count)
@@ -106,7 +106,7 @@ ACCEL = SimpleNamespace(triad=Triad(np.zeros(3), np.eye(3)))
 
 @pytest.fixture
 def parts(monkeypatch):
-    """The parts that are put together: what they are given, and what they are made to say."""
+    """Replace the parts by stand-ins that record their arguments and return given results."""
     observed = SimpleNamespace(follows=None, earth=None, measured=None)
 
     def collect_turns(t, gyro, follows, standstills, force):
@@ -157,14 +157,14 @@ def test_earth_rate_is_used_if_every_standstill_has_ten_times_lower_noise(parts,
 
 
 def test_for_noisy_gyros_the_standstill_needed_for_earth_rate_is_reported(parts):
-    """Noise of a mean falls with the root of its time: ten times too noisy is a hundred times too short."""
+    """The noise of a mean falls with the root of its duration: ten times the noise needs 100 times as long."""
     notes = []
     gyro_of(standstills(sigma=EARTH, seconds=12.0), 0.8, notes)
     assert "standstills of 1200 s" in notes[0]
 
 
 def test_without_turns_only_the_bias_is_estimated_with_earth_rate_in_its_sigma(parts):
-    """Earth rate points another way in each rest, a third of its square along each axis."""
+    """Earth rate points in another direction in each pose, so each axis has a third of its square."""
     at, notes = standstills(count=5), []
     result = gyro_of(at, notes=notes)
     bias, covariance, *_ = estimate_static_bias(at.gyro, at.gyro_sigma, at.accel)

@@ -71,7 +71,7 @@ def test_both_triads_are_recovered_from_standstills_and_turns_within_sigma(seed)
     data = carry(np.random.default_rng(seed), GYRO, ACCEL)
     result = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY)
     assert len(result.standstills) == 24
-    # Of 24 standard normal numbers the largest exceeds 4.2 once in 1,500 runs.
+    # The largest of 24 standard normal numbers exceeds 4.2 once in 1,500 runs.
     assert np.abs(z_scores(result.accel.triad, result.accel.sigma, ACCEL)).max() < 4.2
     assert np.abs(z_scores(result.gyro.triad, np.sqrt(np.diag(result.gyro.covariance)), GYRO)).max() < 4.2
     assert result.accel_held_out.rms < 0.005 < 0.2 < result.accel_held_out.rms_before
@@ -103,7 +103,7 @@ def test_precise_gyros_are_calibrated_by_earth_rate_and_their_six_angles_by_the_
 
 
 def test_poses_unsuited_for_earth_rate_still_determine_the_gyro_bias():
-    # Nine poses of the scalar method all with east along one axis of the node: rows of east x up lie in a
+    # In nine poses of the scalar method east lies along one axis of the node: the rows east x up are in one
     # plane.
     latitude = np.radians(50)
     rng = np.random.default_rng(7)
@@ -125,7 +125,7 @@ def test_a_rate_table_gives_the_gyros_scale_and_the_turns_between_rests_their_fr
     for axis in Rotation.random(16, rng=rng).apply([0, 0, 1.0]):
         true = np.tile(rate * axis, (300, 1))
         blocks.append((GYRO.measure(true) + 0.004 * rng.standard_normal((300, 3)), axis))
-    # On the table gravity turns round in the node; its accelerometer must not look at rest.
+    # On the table gravity rotates in the node, so its accelerometer must not look static.
     spin = 5.0 * np.sin(rate * np.arange(300) * dt)[:, None] * np.ones(3)
     gyro = np.vstack([data.gyro, *(b for b, _ in blocks)])
     accel = np.vstack([data.accel, *(ACCEL.measure(spin) for _ in blocks)])
@@ -142,13 +142,13 @@ def test_detected_standstills_are_those_simulated():
     standstills = find_standstills(data.t, data.gyro, data.accel)
     starts = np.arange(12) * 7.0
     assert len(standstills) == 12
-    # The raised cosine begins so gently that the first tenths of a turn are below the noise.
+    # The raised cosine starts so gently that the first tenths of a second of a turn are below the noise.
     assert np.abs(standstills.t[:, 0] - starts).max() < 0.5
     assert np.abs(standstills.t[:, 1] - (starts + 5.0)).max() < 0.5
 
 
 def test_the_error_of_a_mean_is_the_larger_of_single_samples_and_of_blocks():
-    """Seed 12: a short white record, and one that wanders from block to block."""
+    """Seed 12: a short white record, and one that drifts from block to block."""
     rng = np.random.default_rng(12)
     white = rng.standard_normal((30, 3))
     assert standard_error(white, 10) == pytest.approx(sem(white))
@@ -157,7 +157,7 @@ def test_the_error_of_a_mean_is_the_larger_of_single_samples_and_of_blocks():
 
 
 def test_the_observability_of_the_frame_is_the_condition_number_of_the_poses():
-    """Seed 13: a turn of the frame changes the angle from Earth rate to up by their cross product."""
+    """Seed 13: a rotation of the frame changes the angle from Earth rate to up by their cross product."""
     attitudes = Rotation.random(12, random_state=13).as_matrix()
     latitude = 0.8
     up, earth = (attitudes @ each for each in ([0.0, 0.0, 1.0], [np.cos(latitude), 0.0, np.sin(latitude)]))
@@ -261,7 +261,8 @@ def test_six_faces_show_bias_and_scale_and_leave_the_angles_out(off_deg):
         for axis, true in zip("xyz", ACCEL.b, strict=True):
             z.append((built["accel_bias"][axis].value - true) / built["accel_bias"][axis].sigma)
             assert built["accel_scale_factor"][axis].sigma < 0.002
-    # More than that has one in a thousand of so many values of unit deviation; smaller is cautious.
+    # More than that occurs for one in a thousand of that many values of unit sigma; a smaller rms is
+    # cautious.
     assert 0.3 < np.sqrt(np.mean(np.square(z))) < np.sqrt(chi2.isf(1e-3, len(z)) / len(z))
 
 
@@ -270,9 +271,9 @@ def test_gyros_calibrated_by_few_turns_are_as_far_off_as_they_say():
     for seed in range(12):
         data = carry(np.random.default_rng(100 + seed), GYRO, ACCEL, poses=10, standstill_s=3.0, turn=1.5)
         result = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY)
-        # ACCEL is symmetric, so its frame is the node's.
+        # ACCEL is symmetric, so its frame is that of the node.
         z.append(z_scores(result.gyro.triad, np.sqrt(np.diag(result.gyro.covariance)), GYRO)[3:])
-    # 108 correlated values; nine turns leave nine degrees of freedom, so the sigmas are those of Student's t.
+    # 108 correlated values; nine turns leave nine degrees of freedom, so sigmas are those of Student's t.
     assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.2
 
 
@@ -292,7 +293,7 @@ def test_angles_of_the_accelerometers_widen_the_gyros_that_were_judged_by_them()
         for it in (result.accel, coarse)
     )
     assert wide == pytest.approx(fine * 10**2, rel=1e-2)
-    # By refitting with one angle moved: what the linear answer must be.
+    # Compare the linear result with refits in which one angle is changed.
     shifted = Triad(
         result.accel.triad.bias,
         result.accel.triad.matrix + 1e-5 * np.array([[0, 1, 0], [1, 0, 0], [0, 0, 0]]),

@@ -1,4 +1,4 @@
-"""A real Xsens MTi turned by hand (imu_tk): before and after, on rests and turns that were not fitted."""
+"""A real Xsens MTi turned by hand (imu_tk): errors before and after, in held-out poses and turns."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Records as laboratories bring them: rounded, at any rate, with one pose knocked, with a wrong axis."""
+"""Records as laboratories make them: rounded, at any rate, with one disturbed pose, with a wrong axis."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def test_sigmas_of_accelerometers_without_noise_cover_the_rounding(digits):
         assert len(result.standstills) == 16
         error = np.append(result.accel.triad.bias - ACCEL.b, np.diag(result.accel.triad.matrix) - 1 - ACCEL.e)
         pulls.append(error / result.accel.sigma[[0, 1, 2, 3, 7, 11]])
-    # Of 24 pulls, 18 or more are within 1.96 sigma with a probability above 0.999 if nine of ten are.
+    # If nine of ten errors are within 1.96 sigma, 18 or more of 24 are with a probability above 0.999.
     assert np.sum(np.abs(pulls) < 1.96) >= 18 and np.sqrt(np.mean(np.square(pulls))) < 1.6
 
 
@@ -58,7 +58,7 @@ def test_standstills_are_those_simulated_at_any_rate(rate_hz):
     data = carry(np.random.default_rng(7), Errors(), ACCEL, poses=10, dt=1 / rate_hz, turn=2.4)
     standstills = find_standstills(data.t, data.gyro, data.accel)
     assert len(standstills) == 10
-    # Where the end of a turn shows in a window's mean, this window of 0.5 s and the next one are cut.
+    # If the end of a turn shows in the mean of a window of 0.5 s, this window and the next one are removed.
     assert np.abs(standstills.t[:, 0] - np.arange(10) * 8.4).max() < 1.2
 
 
@@ -107,7 +107,7 @@ def test_earth_rate_in_slow_turns_is_no_scale_error(latitude):
         result = calibrate(data, latitude=latitude)
         errors.append(np.diag(result.gyro.triad.matrix) - 1)
         pulls.append(errors[-1] / np.sqrt(np.diag(result.gyro.covariance))[[3, 7, 11]])
-    # Without a model of Earth rate 0.2 %.
+    # Without a model of Earth rate the error is 0.2 %.
     assert np.sqrt(np.mean(np.square(errors))) < 4e-4 and np.sqrt(np.mean(np.square(pulls))) < 1.8
 
 

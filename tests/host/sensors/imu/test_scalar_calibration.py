@@ -32,7 +32,8 @@ def test_the_case_of_the_paper_is_recovered_exactly_without_linearisation_error(
     result = fit_scalar_calibration(PAPER.measure(sphere(20)), 1.0, np.full((20, 3), 1e-12))
     truth = np.array([2e-4, 2e-4, 2e-4, 2e-4, 4e-4, 4e-4, 4e-4, 4e-4, 4e-4])
     assert np.abs(result.parameters / truth - 1).max() < 1e-9
-    # The paper's angles are antisymmetric, which is what the symmetric convention assumes: all six come back.
+    # The angles of the paper are antisymmetric, as the symmetric convention assumes, so all six are
+    # recovered.
     for name, angle in result.triad.nonorthogonality.items():
         assert angle == pytest.approx(PAPER.d[name], rel=1e-9)
 
@@ -67,7 +68,8 @@ def test_a_general_optimiser_finds_the_same_minimum():
         return ((w**2).sum(axis=1) - own - 1) / 2 / (0.01 * np.linalg.norm(w @ inverse, axis=1))
 
     other = least_squares(residual, np.zeros(9), xtol=1e-14, ftol=1e-14, gtol=1e-14).x
-    # Weights are frozen in each Gauss-Newton step and not here: a difference of second order in the noise.
+    # Weights are constant within each Gauss-Newton step but not here: a difference of second order in the
+    # noise.
     assert np.abs(result.parameters - other).max() < 0.1 * np.sqrt(np.diag(result.covariance)).min()
 
 
@@ -95,8 +97,8 @@ def test_sigmas_cover_the_scatter_over_200_seeds_whichever_convention():
             result = fit_scalar_calibration(u, 1.0, sigma, convention=convention)
             if convention == "symmetric":
                 truth = np.array([2e-4, 2e-4, 2e-4, 2e-4, 4e-4, 4e-4, 4e-4, 4e-4, 4e-4])
-                # Five degrees of freedom: the widening by chi² acts in half of the runs, so it is taken
-                # back here.
+                # Five degrees of freedom: the inflation by chi² is active in half of the runs and is undone
+                # here.
                 z.append(
                     (result.parameters - truth)
                     / np.sqrt(np.diag(result.covariance) / max(1, result.reduced_chi2))
@@ -112,7 +114,7 @@ def test_sigmas_cover_the_scatter_over_200_seeds_whichever_convention():
                 )
                 z.append(off[own] / spread[own])
         rms = np.sqrt(np.mean(np.square(z), axis=0))
-        # Standard deviation of an rms of 200 values is 5 %; four of them.
+        # An rms of 200 values has a standard deviation of 5 %; the tolerance is four of them.
         assert np.abs(rms - 1).max() < 0.2, (convention, rms)
 
 

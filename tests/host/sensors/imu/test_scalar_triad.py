@@ -1,4 +1,4 @@
-"""Applying a calibration: one formula, both ways, in the signs of the model; and the file that carries it."""
+"""Application of a calibration: one formula in both directions, in the signs of the model; and its file."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ angles = st.fixed_dictionaries({name: st.floats(-0.1, 0.1) for name in ("xz", "x
 
 
 def triad_effects(b, e, d):
-    """The triad of a calibration with these biases, scale errors and angles."""
+    """Return the triad of a calibration with these biases, scale errors and angles."""
     parts = {"gyro_bias": b, "gyro_scale_factor": e}
     result = {
         name: CalibratedEffect({a: Quantity(v, 0.0) for a, v in zip("xyz", values, strict=True)})

@@ -28,7 +28,7 @@ def test_north_is_found_within_sigma_in_records_as_they_come(world):
         z.append(float(wrap_angle(result.azimuth - azimuth)) / result.sigma)
         assert result.sigma < np.radians(30)
     print(world, np.round(z, 2))
-    # Six values of unit scatter: their rms is below 1.75 in 99.9 %.
+    # The rms of six values of unit sigma is below 1.75 in 99.9 % of cases.
     assert np.sqrt(np.mean(np.square(z))) < 1.75
 
 
@@ -36,7 +36,7 @@ def test_stops_match_the_table_and_turn_angles_match_to_the_gyro_scale():
     node, _, scale, stood = recorded(1, odd(1))
     motion = find_table_motion(node.t, node.gyro, np.array([0.0, 0.0, 1.0]), scale_sigma=0.01)
     stops = split_stops(node.t, node.gyro[:, 0], motion)
-    # The nudge cuts the first stop into two; of the one of 2.5 s nothing is left.
+    # The nudge splits the first stop into two; of the stop of 2.5 s nothing remains.
     assert len(stops) == len(stood)
     for (start, end), angle in zip(stops.t, stops.angle, strict=True):
         true = stood[(stood[:, 0] - 0.1 < start) & (end < stood[:, 1] + 0.1)]
@@ -49,7 +49,7 @@ def test_stops_match_the_table_and_turn_angles_match_to_the_gyro_scale():
 
 
 def test_the_scale_of_the_gyro_is_in_sigma_and_a_step_that_is_asked_for_takes_it_out():
-    """Turning onwards, 11 turns of 90 degrees are known to 1 %, 10 degrees at the last of them."""
+    """Eleven turns of 90 degrees in one direction are known to 1 %, 10 degrees at the last one."""
     node, azimuth, *_ = recorded(3, even(turns=[90] * 11), scale=0.02)
     measured, _ = found_in(node)
     exact, _ = found_in(node, step=np.pi / 2)
@@ -99,7 +99,7 @@ def test_a_turn_beyond_the_range_of_the_gyro_is_refused_unless_the_table_has_ste
 @pytest.mark.parametrize("turns", [FOUR[:7], [-turn for turn in FOUR[:7]]])
 def test_turns_of_either_way_have_their_sign_and_a_node_that_hangs_too(turns):
     node, azimuth, *_ = recorded(5, even(8, turns, stop=30.0), noise={"n": np.radians(1e-4)}, scale=0.0)
-    # A node that hangs: turned by half a turn about x, which stays.
+    # A node mounted upside down: rotated by half a turn about x, which keeps its direction.
     columns = {**node.columns, **{name: -node[name] for name in ("gy", "gz", "ay", "az")}}
     for observed in (node, Table(columns)):
         result, _ = found_in(observed)
@@ -107,7 +107,7 @@ def test_turns_of_either_way_have_their_sign_and_a_node_that_hangs_too(turns):
 
 
 def test_vertical_earth_rate_on_a_tilted_table_is_corrected():
-    """2.3 degrees of lean at 45 degrees north would turn the answer by as much."""
+    """A lean of 2.3 degrees at 45 degrees north would rotate the result by as much."""
     node, azimuth, *_ = recorded(
         6, even(stop=30.0), noise={"n": np.radians(1e-4)}, scale=0.0, lean=(0.04, 0.0)
     )

@@ -50,7 +50,7 @@ def test_azimuth_is_within_a_tenth_of_the_bound_and_sigma_holds(name):
     ratio = np.sqrt(np.mean(np.square(ours)) / np.mean(np.square(reported)))
     print(name, ratio, np.degrees(bound), np.mean(np.square(z)), f"seeds 0 to {SEEDS - 1}")
     assert ratio < 1.1
-    # Who knows the noise is at the bound: chi-square, 99.9 %.
+    # The estimator that knows the noise is at the bound: chi-square, 99.9 %.
     low, high = chi2.ppf([0.0005, 0.9995], SEEDS) / SEEDS
     assert low < np.mean(np.square(reported)) / bound**2 < high
     assert low < np.mean(np.square(z)) < high

@@ -34,7 +34,7 @@ def estimate(
     span=(0.0, np.inf),
     **world,
 ):
-    """Return the north estimate from a record with table.csv, with all remarks; span: s that are kept."""
+    """Return the north estimate from a record with table.csv, with all warnings; span: time range used, s."""
     rng = np.random.default_rng(seed)
     t, gyro, accel, _ = table_record(
         programme, rng, azimuth=azimuth, latitude=LATITUDE, hz=20.0, **{"noise": NOISE, **world}

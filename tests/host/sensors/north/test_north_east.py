@@ -14,10 +14,10 @@ AZIMUTH = 0.7
 
 
 class Table:
-    """Also the measuring and the tally. A gyro with a bias that grows by as much from stop to stop.
+    """A table with a gyro whose bias grows by a constant from stop to stop, and the tally of its stops.
 
-    disturbed: rad/s added to the middle stop of each maytag, by its number. known: what the tally says after
-    so many stops, the last of them for ever.
+    disturbed: rad/s added to the middle stop of each maytag, by its number. known: estimates that the tally
+    returns after each number of stops; the last one is repeated.
     """
 
     def __init__(self, known=((AZIMUTH, 0.01),), disturbed=None):
@@ -80,7 +80,7 @@ def test_what_is_known_of_north_replaces_the_two_steps():
 
 @pytest.mark.parametrize("nowhere", [True, False])
 def test_noise_of_a_step_turns_the_table_by_its_share_of_all_steps(nowhere):
-    """Stochastic approximation: the n-th look at east weighs one n-th; a start is the first."""
+    """Stochastic approximation: the n-th measurement of east has the weight 1/n; the first one is a start."""
     first = 2 if nowhere else 0
     wrong = 0.02 * HORIZONTAL
     for number in range(first, 4):
@@ -90,7 +90,7 @@ def test_noise_of_a_step_turns_the_table_by_its_share_of_all_steps(nowhere):
         looks = number - first + 2
         turned = math.asin(0.02) / looks
         assert angles[number] - angles[number + 1] == pytest.approx(turned, abs=1e-6)
-        # The next look takes back its own share of what is left.
+        # The next measurement removes its own share of the remaining error.
         assert angles[number + 2] - angles[number + 1] == pytest.approx(turned / (looks + 1), rel=1e-3)
 
 
@@ -111,7 +111,7 @@ def test_a_loop_that_stood_at_west_is_turned_about_by_its_last_step(off):
 
 @pytest.mark.parametrize("sigma, steps", [(0.05, 9), (0.03, 5), (None, 9)])
 def test_it_ends_where_all_stops_together_are_as_sure_as_was_asked(sigma, steps):
-    """Twelve stops know it to 0.03: four steps, and the one that looks north."""
+    """Twelve stops determine it to 0.03: four steps, and the one that points north."""
     known = [(AZIMUTH, 0.1)] * 12 + [(AZIMUTH, 0.03)] if sigma == 0.03 else [(AZIMUTH, 0.1)]
     assert len(seek(Table(known), steps=9, sigma=sigma).steps) == steps
 

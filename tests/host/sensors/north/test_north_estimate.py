@@ -53,7 +53,7 @@ def test_stops_find_the_azimuth_with_an_honest_sigma_over_25_seeds(method):
         run = built(seed, method, azimuth)
         result = find_north([record_of(run)], LATITUDE, method, settle=1.0, near=azimuth)
         z.append(float(wrap_angle(result.azimuth - azimuth)) / result.sigma)
-    # rms of 25 values scatters by 14 %; three of that. No value beyond 4.
+    # The rms of 25 values scatters by 14 %; the tolerance is three times that. No value is beyond 4.
     assert 0.58 < np.sqrt(np.mean(np.square(z))) < 1.42, z
     assert np.abs(z).max() < 4
 
@@ -68,9 +68,9 @@ def test_a_carousel_finds_the_azimuth_with_an_honest_sigma_near_the_white_noise_
         z.append(float(wrap_angle(result.azimuth - azimuth)) / result.sigma)
         ratio.append(result.sigma / result.white_bound)
         assert len(result.rates) == len(result.rates_across) == 12
-    # rms of 14 values scatters by 19 %.
+    # The rms of 14 values scatters by 19 %.
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.57, z
-    # Turning fast against this drift, it cannot be better than white noise and need not be much worse.
+    # With fast turns against this drift, sigma cannot be below that of white noise and should be close to it.
     assert 0.75 < np.median(ratio) < 1.35
 
 
@@ -79,7 +79,7 @@ def test_the_white_noise_bound_is_sqrt_2_over_t_times_n_over_horizontal_rate():
     run = carousel(Sensor(0.42, 0, 0).error(36100, DT, rng), DT, 1.0, np.radians(45), 60.0, 3600.0)
     drift = DriftNoise(np.radians(0.42) / 60, 0.0, 0.0)
     result = find_north([record_of(run)], np.radians(45), "carousel", drift=drift)
-    # The field's own number: 0.42 deg/rt-h and one hour give 3.2 degrees with one axis.
+    # The usual figure: 0.42 deg/√h and one hour give 3.2 degrees with one axis.
     assert np.degrees(result.white_bound) == pytest.approx(3.2, abs=0.05)
     assert result.sigma == pytest.approx(result.white_bound, rel=0.02)
 
@@ -87,7 +87,7 @@ def test_the_white_noise_bound_is_sqrt_2_over_t_times_n_over_horizontal_rate():
 def test_east_seeking_stops_east_and_never_west():
     for seed in range(5):
         rng = np.random.default_rng(seed)
-        # Start pointing west, or nearly: the loop's other zero.
+        # The start points west, or nearly: the other zero of the loop.
         azimuth = -np.pi / 2 + rng.uniform(-0.05, 0.05)
         table = SimulatedTable(TACTICAL.error(9000, DT, rng), DT, azimuth, LATITUDE)
         result = seek_east(table, table.measure, horizontal_earth_rate(LATITUDE), stop=20.0, steps=8)
@@ -133,8 +133,8 @@ def test_the_component_of_a_line_has_the_same_sigma_whichever_way_the_line_point
 
 
 def test_signs_from_first_principles():
-    # Axis to the north feels all of it, to the south its negative, to the east nothing; anticlockwise from
-    # north is west.
+    # An axis to the north measures all of it, to the south its negative, to the east nothing; west is
+    # anticlockwise of north.
     for azimuth, angle, share in (
         (0, 0, 1),
         (np.pi, 0, -1),
@@ -160,18 +160,18 @@ def test_stops_along_one_line_say_that_two_azimuths_remain():
 def test_pointing_north_two_points_give_north_with_the_sigma_of_the_flat_cosine():
     run = built(2, "maytag", 0.0)
     result = find_north([record_of(run)], LATITUDE, "maytag", settle=1.0)
-    # The maximum is north itself; both sides of it are reported, and --near-deg selects one.
+    # The maximum is north itself, so both sides of it are reported; --near-deg selects one.
     assert abs(result.azimuth) < 1e-9 and result.candidates[0] == pytest.approx(-result.candidates[1])
     east, west = (
         find_north([record_of(run)], LATITUDE, "maytag", settle=1.0, near=near).azimuth
         for near in (0.5, -0.5)
     )
     assert east == pytest.approx(-west) and 0 < east < 2 * result.sigma
-    # No bound exists where the cosine is flat, so none is printed.
+    # Where the cosine is flat no bound exists, so none is printed.
     assert result.white_bound == np.inf and result.bound == np.inf
     rate, sigma = result.rate_components()
     assert abs(rate[0] - horizontal_earth_rate(LATITUDE)) < 4 * sigma[0]
-    # cos is flat there: a rate known to 1 % leaves 8 degrees.
+    # The cosine is flat there: a rate known to 1 % leaves 8 degrees.
     assert result.sigma > 2 * sigma[0] / horizontal_earth_rate(LATITUDE)
 
 
@@ -252,7 +252,7 @@ def test_a_carousel_on_another_clock_than_the_node_is_refused(late):
     "common, words", [(99, "no time in common"), (100, "turns; a carousel needs at least 2")]
 )
 def test_a_hundred_samples_are_the_least_that_carousel_and_node_must_share(common, words):
-    """The table's first and last row fall on samples of the node, which count as shared."""
+    """The first and last rows of the table coincide with samples of the node, which count as shared."""
     run = carousel(TACTICAL.error(3700, DT, np.random.default_rng(0)), DT, 1.0, LATITUDE, 30.0, 360.0)
     ends = run.t[[500, 500 + common - 1]]
     table = TableMotion(ends, np.array([0.0, 1.0]), np.array([True, True]))

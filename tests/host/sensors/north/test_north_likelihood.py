@@ -27,9 +27,9 @@ ANGLES = np.array([0.0, 0.5, 1.0, 1.5]) * np.pi
 
 
 def record(count, seed, drift=DRIFT, angles=ANGLES, measured=False, error=0.0):
-    """Averages of 4 s every 5 s with a bias and a ramp; the table went on turning one way all the time.
+    """Return averages of 4 s every 5 s with a bias and a ramp; the table turned in one direction throughout.
 
-    error: of the gyro's scale, by which all angles were felt too small.
+    error: relative scale error of the gyro, by which all measured angles are too small.
     """
     rng = np.random.default_rng(seed)
     start = 5.0 * np.arange(count)
@@ -48,18 +48,19 @@ def two_records(measured=False, error=0.0):
 
 
 def information_of(drift, piece):
-    """(M, M): inverse of the covariance, blind to straight lines in time; and log determinants."""
+    """Return the inverse covariance (M, M), insensitive to linear trends, and log determinants."""
     inverse = np.linalg.inv(drift_covariance(drift, piece.start, piece.end))
     line = np.column_stack([np.ones(len(piece.y)), piece.start])
     weighed = inverse @ line
     crossed = line.T @ weighed
-    # The straight line's own unit is that of the code, which does not matter: one constant for all drifts.
+    # The unit of the linear trend is that of the code; another one would add the same constant for all
+    # drifts.
     logdet = -np.linalg.slogdet(inverse)[1] + np.linalg.slogdet(crossed)[1]
     return inverse - weighed @ np.linalg.solve(crossed, weighed.T), logdet
 
 
 def stacked(drift, records):
-    """Block diagonal information, cos, sin, y, turned and the log determinants of all records together."""
+    """Return block diagonal information, angles, y, turned and log determinant of all records."""
     parts = [information_of(drift, piece) for piece in records]
     count = sum(len(piece.y) for piece in records)
     whole, at = np.zeros((count, count)), 0
@@ -72,7 +73,7 @@ def stacked(drift, records):
 
 
 def least_squares(whole, columns, y, prior=0.0):
-    """Estimate and covariance by weighed least squares. prior: information added to each column."""
+    """Return estimate and covariance by weighted least squares; prior: information added to each column."""
     spread = np.linalg.inv(columns.T @ whole @ columns + np.diag(np.broadcast_to(prior, columns.shape[1])))
     return spread @ columns.T @ whole @ y, spread
 
@@ -82,12 +83,12 @@ def log_of(density):
 
 
 def near(matrix, relative):
-    """Each element to a part of the largest."""
+    """Return a matrix to compare with, each element to a fraction of the largest one."""
     return pytest.approx(matrix, rel=0.0, abs=relative * np.abs(matrix).max())
 
 
 def agree(posterior, expected, within):
-    """Log densities, where they are within five sigma of the best."""
+    """Compare log densities where they are within five sigma of the maximum."""
     ours, theirs = log_of(posterior.density), expected - expected.max()
     where = theirs > -12.5
     assert where.sum() > 20
@@ -112,7 +113,7 @@ def test_of_a_known_drift_the_rates_are_those_of_weighed_least_squares():
 
 
 def test_the_bound_grows_with_the_noise_without_end():
-    """Beyond a radian too, where it says that nothing can be told."""
+    """The bound may exceed a radian, which means that the azimuth is undetermined."""
     records = two_records()
     result = estimate_earth_rate(records, HORIZONTAL, DRIFT)
     louder = replace(result, drift=DriftNoise(*(1e3 * np.array([DRIFT.n, DRIFT.b, DRIFT.k, DRIFT.q]))))
@@ -132,7 +133,7 @@ def test_bias_and_ramp_of_each_record_do_not_matter():
 
 
 def test_where_the_drift_is_unknown_each_size_counts_by_its_restricted_likelihood():
-    """The noise level of each integrated out: a power of its sum of squares, by the degrees of freedom."""
+    """The noise level of each record is integrated out, which gives a power of its sum of squares."""
     records = two_records()
     result = estimate_earth_rate(records, HORIZONTAL)
     count = sum(len(piece.y) for piece in records)
@@ -157,7 +158,7 @@ def test_where_the_drift_is_unknown_each_size_counts_by_its_restricted_likelihoo
     weight = share.sum(axis=1) / share.sum()
     mean = weight @ np.array(rates)
     among = np.einsum("k,ki,kj->ij", weight, rates - mean, rates - mean)
-    # The weights are over the whole circle there, near the peak here: it is one narrow peak.
+    # One density has weights over the whole circle, the other near the peak: it is a single narrow peak.
     assert result.rate == pytest.approx(mean, abs=1e-3 * HORIZONTAL)
     spread = np.average(spreads, axis=0, weights=weight) + among
     assert result.rate_covariance == near(spread, 0.01)
@@ -183,7 +184,7 @@ def test_a_small_error_of_the_gyros_scale_is_one_more_unknown_with_a_prior(sigma
 
 @pytest.mark.parametrize("sigma", [2e-4, 2e-3, 4e-3])
 def test_of_any_error_of_the_gyros_scale_each_size_counts_by_its_prior(sigma):
-    """Integrated by brute force over errors, none of them straight; angles up to 36 rad."""
+    """Brute-force integration over scale errors, without linearisation; angles up to 36 rad."""
     records = two_records(measured=True, error=0.5 * sigma)
     result = estimate_earth_rate(records, HORIZONTAL, DRIFT, scale_sigma=sigma)
     whole, angle, y, turned, _ = stacked(DRIFT, records)
@@ -301,7 +302,7 @@ def test_a_curve_is_accepted_from_a_log_likelihood_gain_of_six():
 
 @pytest.mark.parametrize("q", [0.0, 3e-4])
 def test_vibration_is_distinguished_from_other_noise_and_rejected_if_absent(q):
-    """Intervals that touch: what shakes an angle adds to one what it takes from the next."""
+    """Adjacent intervals: a nudge adds to one what it takes from the next one."""
     start = LENGTH * np.arange(120.0)
     end, angle, n = start + LENGTH, np.resize(np.repeat(ANGLES, 4), 120), 2e-5
     noise = np.linalg.cholesky(drift_covariance(DriftNoise(n, 0.0, 0.0, q), start, end))
@@ -310,7 +311,7 @@ def test_vibration_is_distinguished_from_other_noise_and_rejected_if_absent(q):
         [Averages(start, end, y, np.cos(angle), np.sin(angle), 0 * y)], HORIZONTAL
     ).drift
     if q:
-        # Of 120 differences; the sizes that are tried are sqrt(10) apart.
+        # Of 120 differences; the tested sizes are a factor sqrt(10) apart.
         assert result.q == pytest.approx(q, rel=0.3, abs=0.0)
     else:
         assert result.q == 0.0 and result.n == pytest.approx(n, rel=0.25, abs=0.0)

@@ -20,7 +20,7 @@ from hubodo.log.recording_reader import read_recording
 from hubodo.verbs import north_live
 
 LATITUDE_DEG = 48.1
-# Earth's level rate there: 15.041 deg/h times the cosine.
+# Horizontal Earth rate at that latitude: 15.041 deg/h times the cosine.
 LEVEL_DEG_S = 15.041067 / 3600 * math.cos(math.radians(LATITUDE_DEG))
 STEP_NDPS = 200_000
 """A fine gyro: Earth's 2.8e-3 deg/s are 14 steps of 2e-4 deg/s."""
@@ -28,7 +28,7 @@ NOISE_STEPS = 4.0
 
 
 class FineNode(FakeNode):
-    """Says that its gyro is finer than a hub's."""
+    """A fake node with a finer gyro than that of a hub."""
 
     def hello(self):
         return replace(super().hello(), gyro_lsb_ndps=STEP_NDPS)
@@ -36,7 +36,7 @@ class FineNode(FakeNode):
 
 @dataclass
 class OnTable(Sequence):
-    """Raw samples of a node that lies on the table, x along its zero, made when they are asked for."""
+    """Raw samples of a node on the table, x along table zero, computed when they are requested."""
 
     table: FakeTable
     azimuth_deg: float
@@ -52,7 +52,7 @@ class OnTable(Sequence):
         gyro = self.rng.normal(0.0, NOISE_STEPS, 3)
         at = math.radians(self.azimuth_deg - self.table.at)
         level = LEVEL_DEG_S / (STEP_NDPS * 1e-9)
-        # x looks at the table's angle, y a quarter turn anticlockwise from it; a bias besides.
+        # x points along the table's angle, y a quarter turn anticlockwise of it; all axes have a bias.
         gyro += 300.0 + np.array([level * math.cos(at), level * math.cos(at - math.pi / 2), 0.0])
         return (*np.rint(gyro).astype(int).tolist(), *self.rng.integers(-3, 4, 2).tolist(), 2048)
 
@@ -76,7 +76,7 @@ def computer(monkeypatch):
 
 
 def lasting(computer):
-    """A turn of 50 ms of this computer's time."""
+    """Let a turn last 50 ms of this computer's time."""
 
     def wait(*_):
         end_ns = computer.now_ns() + 50_000_000
@@ -103,11 +103,11 @@ def test_the_table_turns_from_stop_to_stop_and_the_log_is_saved(table, computer,
     with FineNode(rows=OnTable(table, azimuth, 1), computer=computer) as node:
         result = north(node, capsys, *words)
     assert abs(off_by(result, azimuth)) < 4 * result["sigma_deg"] < 80
-    # It takes the nearer way: 270 degrees from 90 on are -90 from where 0 is.
+    # The table turns the shorter way: 270 degrees after 90 are -90 from the first zero.
     assert [angle % 360 for angle in table.visited] == [0, 180, 90, 270, 0, 180, 90, 270]
     assert all(abs(b - a) <= 180 for a, b in pairwise(table.visited))
     assert result["output"] == str(out) and result["gyros"][0]["stops"]["count"] == 8
-    # The log that was kept gives the same answer, and holds the raw frames beside.
+    # The recorded log gives the same answer, and contains the raw frames as well.
     words = ["north", str(out), "--latitude_deg", str(LATITUDE_DEG), "--method", "maytag4"]
     assert main([*words, "--settle", "0.2", "--json"]) == 0
     again = json.loads(capsys.readouterr().out)
@@ -126,7 +126,7 @@ def test_the_axis_is_turned_until_it_points_east_and_left_there(table, computer,
     print(result["azimuth_deg"], result["sigma_deg"], east["table_angle_deg"])
     assert len(east["steps"]) == 5
     assert table.at % 360 == pytest.approx(east["table_angle_deg"], abs=1e-3)
-    # y looks a quarter turn anticlockwise of the table's angle, so to azimuth - angle - 90; east is 90.
+    # y points a quarter turn anticlockwise of the table's angle, to azimuth - angle - 90; east is 90.
     points = (azimuth - east["table_angle_deg"] - 90.0) % 360.0
     assert abs((points - 90.0 + 180.0) % 360.0 - 180.0) < 4 * result["sigma_deg"] < 80
     assert abs(off_by(result, azimuth)) < 4 * result["sigma_deg"]
@@ -134,7 +134,7 @@ def test_the_axis_is_turned_until_it_points_east_and_left_there(table, computer,
 
 def test_without_a_table_port_the_operator_gets_instructions(table, computer, turning, capsys, monkeypatch):
     class Hand(io.StringIO):
-        """Reads what was asked on stderr and turns the table so."""
+        """Read the prompt on stderr and turn the table accordingly."""
 
         def readline(self, *_):
             asked = capsys.readouterr().err

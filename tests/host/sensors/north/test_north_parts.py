@@ -109,7 +109,7 @@ def test_every_filter_gives_the_rate_whatever_the_bias(name, count):
 def test_nearest_neighbour_is_the_thesis_formula_and_swanson_schlamminger_its_weights():
     sign = np.array([1, -1, 1, -1, 1])
     assert np.allclose(filter_weights("nearest", sign) * 8, [1, -2, 2, -2, 1])
-    # 1/(N+1), -1/(N-1), .. for N = 5 stops in all.
+    # 1/(N+1), -1/(N-1), .. for N = 5 stops in total.
     assert np.allclose(filter_weights("swanson_schlamminger", sign), [1 / 6, -1 / 4, 1 / 6, -1 / 4, 1 / 6])
 
 
@@ -145,16 +145,16 @@ def test_random_walk_and_flicker_covariances_equal_their_integrals():
 
 
 def test_the_covariance_is_the_sum_of_three_independent_noises():
-    """White noise averages as n² / T; a walk as K² times the integral of min; none takes from another."""
+    """White noise averages as n² / T, a walk as K² times the integral of min; the noises are independent."""
     start, end = np.array([0.0, 2.0, 7.0]), np.array([1.5, 5.0, 8.0])
     n, b, k = 2.0, 3.0, 0.5
     assert drift_covariance(DriftNoise(n, 0.0, 0.0), start, end) == pytest.approx(
         np.diag(n**2 / (end - start))
     )
     walked = drift_covariance(DriftNoise(0.0, 0.0, k), start, end)
-    # Of two intervals one after the other the walk's mean over the first is all they share.
+    # Two consecutive intervals share the mean of the walk over the first one.
     assert walked[0, 1] == pytest.approx(k**2 * (start[0] + end[0]) / 2, rel=1e-12)
-    # The mean of a walk over T from its start: K² T / 3.
+    # The variance of the mean of a walk over T from its start is K² T / 3.
     assert walked[0, 0] == pytest.approx(k**2 * 1.5 / 3, rel=1e-12)
     assert walked[2, 2] == pytest.approx(k**2 * (7.0 + 1.0 / 3), rel=1e-12)
     flickered = drift_covariance(DriftNoise(0.0, b, 0.0), start, end)
@@ -182,7 +182,7 @@ def test_the_covariance_is_that_of_simulated_drift():
     for seed in range(400):
         x = gyro_noise(1440, 0.1, np.random.default_rng(seed), b=1.0, k=0.05)
         result.append(w @ np.array([x[int(10 * s) : int(10 * s) + 100].mean() for s in start]))
-    # 400 values: 3.5 % on a standard deviation.
+    # 400 values determine a standard deviation to 3.5 %.
     assert np.std(result) == pytest.approx(np.sqrt(w @ model @ w), rel=0.12)
 
 
@@ -326,7 +326,7 @@ def test_earth_turns_once_in_a_mean_sidereal_day():
 
 
 def test_pairs_of_stops_that_turn_about_give_the_rate_along_the_first_of_them():
-    """A bias is the same in both and goes; 0, 180, 270, 90 degrees: the second and the third are no pair."""
+    """A bias is equal in both and cancels; of 0, 180, 270, 90 degrees the middle two are not a pair."""
     angle = np.radians([0.0, 180.0, 270.0, 90.0])
     times = np.array([[10.0 * k, 10.0 * k + 8.0] for k in range(4)])
     at = 400 * np.arange(4)

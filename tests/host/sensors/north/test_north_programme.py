@@ -30,13 +30,13 @@ def test_independent_estimates_have_slope_minus_one_half_and_drifting_ones_do_no
 
 
 def test_the_slope_after_drift_between_stops_is_fitted_to_means_of_four_or_more():
-    """64 estimates: means of 4, 8 and 16 of them, a quarter of all at most."""
+    """64 estimates: means of 4, 8 and 16 of them, at most a quarter of all."""
     rng = np.random.default_rng(5)
     assert fit_ergodicity(rng.standard_normal(64)).factors.tolist() == [4, 8, 16]
 
 
 def test_what_a_minute_can_do_at_best_is_the_bound_of_its_white_noise():
-    """Even coverage: sqrt(2 / T) N / horizontal."""
+    """Even coverage: sqrt(2 / T) N / horizontal Earth rate."""
     drift, horizontal = DriftNoise(1e-5, 2e-6, 1e-7), 5e-5
     result = SimpleNamespace(
         posterior=SimpleNamespace(drift=drift), horizontal_rate=horizontal, elapsed=600.0
@@ -47,7 +47,7 @@ def test_what_a_minute_can_do_at_best_is_the_bound_of_its_white_noise():
 
 @pytest.mark.parametrize("sigma", [1e-2, 1e-4, 1e-7])
 def test_a_peak_narrower_than_the_grid_is_refined(sigma):
-    """A quarter of a degree apart at first; mean and spread of a Gaussian."""
+    """The grid starts with steps of a quarter of a degree; mean and spread are those of a Gaussian."""
 
     def log_density(azimuth):
         return -0.5 * ((azimuth[None] - 0.7) / sigma) ** 2

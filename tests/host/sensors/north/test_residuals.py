@@ -34,25 +34,26 @@ def _estimate(run: Run) -> NorthEstimate:
 
 def test_whitened_residuals_have_unit_variance_where_the_model_holds() -> None:
     whitened = compute_residuals(_estimate(_run(3, 20))).whitened
-    # The standard deviation of n values scatters by 1 / sqrt(2 n); four of that.
+    # The standard deviation of n values scatters by 1 / sqrt(2 n); the tolerance is four of that.
     assert np.std(whitened) == pytest.approx(1.0, abs=4.0 / np.sqrt(2.0 * len(whitened)))
     assert abs(np.mean(whitened)) < 4.0 / np.sqrt(len(whitened))
 
 
 def test_a_rate_that_jumps_within_each_stop_leaves_residuals_that_are_not_white() -> None:
-    """The covariance grows with the misfit, so that not their size but their correlation shows it."""
+    """The covariance grows with the misfit, so only the correlation of the residuals reveals it."""
 
     def lag_one(jump: float) -> float:
         whitened = compute_residuals(_estimate(_run(1, jump=jump))).whitened
         return float(np.mean(whitened[1:] * whitened[:-1]) / np.var(whitened))
 
-    # Of 64 white values it scatters by 1/8; signs that change every fourth value give 1 - 2/4.
+    # The lag-1 correlation of 64 white values scatters by 1/8; signs that change every fourth value give 1 -
+    # 2/4.
     assert abs(lag_one(0.0)) < 3.0 / 8.0
     assert lag_one(1.5 * EARTH_RATE) == pytest.approx(0.5, abs=1.0 / 8.0)
 
 
 def test_the_modelled_rate_is_that_of_the_earth_along_the_axis() -> None:
-    """Earth rate is added to its residual and drift: earth - model = residual."""
+    """Residual and drift include the Earth rate error: earth - model = residual."""
     estimate = _estimate(_run(2))
     residuals = compute_residuals(estimate)
     assert residuals.residual == pytest.approx(residuals.earth - residuals.model)

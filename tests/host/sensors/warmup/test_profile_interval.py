@@ -32,7 +32,7 @@ def test_intervals_cover_the_truth_in_nine_of_ten_records():
 
 
 def test_ends_are_those_of_a_likelihood_profiled_by_a_general_minimiser():
-    """The cost at each end, with the other parameters at their best, exceeds the minimum by 3.84."""
+    """The cost at each end, with the other parameters at their optimum, exceeds the minimum by 3.84."""
     values = record(np.random.default_rng(5), c1=0.3, noise=0.1)
     intervals = profile_intervals(T, values, 0.1**2)
 

@@ -71,7 +71,7 @@ def test_the_recursion_of_eq_6_follows_the_model_from_any_age(c1, constant, dt, 
         result.append(recursion.value())
         recursion.advance()
     exact = model.bias(age + np.arange(300) * dt)
-    # The backward difference is a time constant longer by dt / 2 in the mean: an error below |C1| dt / T.
+    # The backward difference lengthens the time constant by dt / 2 on average: an error below |C1| dt / T.
     assert np.max(np.abs(result - exact)) <= 1.5 * abs(c1) * dt / constant + 1e-12
 
 
@@ -91,7 +91,7 @@ def test_white_noise_passes_both_tests_as_often_as_stated_and_coloured_noise_doe
         for name, noise in (("white", white), ("coloured", coloured)):
             passed[name][0] += autocorrelation_test(noise, 10, 200).is_white
             passed[name][1] += ljung_box(noise).is_white
-    # 0.5 % of false alarms: of 200 one is expected, six or more come once in 1600.
+    # 0.5 % of false alarms: one of 200 is expected, six or more occur once in 1600.
     assert min(passed["white"]) > 194
     assert passed["coloured"][1] == 0
     slow = np.cumsum(np.random.default_rng(0).normal(size=2000)) * 0.1
@@ -120,7 +120,7 @@ def test_shares_inside_the_bounds_are_those_expected_of_white_noise():
 
 
 def night(seed, duration=6 * 3600.0, noise=0.05, step=3.0):
-    """Means of `step` seconds; noise: deg/s of one second."""
+    """Return means over `step` seconds; noise: deg/s per second of samples."""
     t = np.arange(0.0, duration, step)
     return t, (start.bias(t) + np.random.default_rng(seed).normal(0, noise / step**0.5, len(t))) * DEG
 
@@ -131,7 +131,7 @@ def test_a_second_exponential_is_recommended_if_present():
         report = characterise_warmup(t, output - 0.2 * DEG * (1 - np.exp(-t / 300)), "gz")
         assert not report.exponential.is_white, seed
         assert report.next_model.fit.kind == "two exponentials", seed
-        # The faster one comes first: grid order.
+        # The faster exponential comes first, as in the grid.
         result = report.next_model.fit.values
         assert result["time_constant"] == pytest.approx(300, rel=0.25), seed
         assert result["time_constant_second"] == pytest.approx(start.T, rel=0.25), seed

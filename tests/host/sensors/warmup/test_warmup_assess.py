@@ -18,7 +18,7 @@ def bias(t, temperature):
 
 
 def record_of(count, dt, temperature=None, missing=(), seed=1):
-    """A model and white noise, the samples `missing` as an even grid has them: 0."""
+    """Return a record of a model and white noise on an even grid, in which the samples `missing` are 0."""
     noise = np.random.default_rng(seed).normal(0.0, 1e-3, count)
     present = np.ones(count, bool)
     present[list(missing)] = False
@@ -35,11 +35,11 @@ def fit_of(**fields):
 @pytest.mark.parametrize(
     "count, dt, length, sequences",
     [
-        (30_000, 0.02, 500, 10),  # Ten seconds each, as in the paper.
+        (30_000, 0.02, 500, 10),  # ten seconds each, as in the paper
         (5_400, 0.02, 500, 10),
         (1_800, 0.02, 500, 3),
-        (4_000, 1.0, 200, 10),  # So slow that ten seconds are too few samples,
-        (45_000, 0.001, 2000, 10),  # or more than are needed.
+        (4_000, 1.0, 200, 10),  # at this rate ten seconds are too few samples
+        (45_000, 0.001, 2000, 10),  # at this rate ten seconds are more samples than needed
         (150, 0.02, 150, 1),
         (700, 0.02, 500, 1),
     ],
@@ -87,7 +87,7 @@ TWO, WARM, BOTH = "two exponentials", "temperature", "exponential and temperatur
 
 @pytest.fixture
 def offer(monkeypatch):
-    """Gives what `next_model` takes where fits and judgements come out as told, and what it asked for."""
+    """Run `next_model` with stand-ins for fits and assessments, and record their arguments."""
 
     def next_of(*models, span=5.0):
         asked = {}
@@ -125,7 +125,7 @@ def test_a_model_of_the_temperature_gets_it_at_the_times_of_means_and_samples_an
     for kind in (WARM, BOTH):
         grades, filled = asked[kind]
         assert list(grades) == [20.0, 25.0]
-        # Straight from 20 to 25 in 50 s, then to 40: a sample each 2 s.
+        # Linear from 20 to 25 in 50 s, then to 40, sampled every 2 s.
         assert list(filled) == pytest.approx([*np.arange(20.0, 25.0, 0.2), *np.arange(25.0, 40.1, 0.6)])
 
 
@@ -146,7 +146,7 @@ def test_where_none_is_white_the_least_coloured_follows_if_it_is_by_a_fifth(offe
     "bic, determined, follows", [(89.0, True, True), (91.0, True, False), (0, False, False)]
 )
 def test_a_model_must_be_determined_and_pay_for_its_parameters(offer, bic, determined, follows):
-    """Ten of the information criterion, which is odds of 150 to 1."""
+    """A difference of ten in the information criterion, odds of 150 to 1."""
     model = assessed(TWO, bic, white=True, determined=determined)
     assert offer(model, span=None)[0] is (model if follows else None)
 

@@ -23,7 +23,7 @@ def record(bias, seed, noise=0.1):
 
 @pytest.mark.parametrize("form", warm_ups.FORMS)
 def test_the_bias_an_hour_and_three_after_the_record_is_within_the_sigma(form):
-    """`tests/accuracy/warmup_forms.py` counts many seeds."""
+    """`tests/accuracy/warmup_forms.py` uses many seeds."""
     seed = 0
     for direction, (error, sigma) in warmup_forms.one(form, "", seed).items():
         if direction in ("forecast", "accepted model", "file"):
@@ -32,7 +32,7 @@ def test_the_bias_an_hour_and_three_after_the_record_is_within_the_sigma(form):
 
 
 def test_another_form_than_the_exponential_increases_the_written_sigmas():
-    """0.3 / sqrt(1 + t / 600): accepted for an hour; believed, it is 50 deg/h off at 3.3."""
+    """0.3 / sqrt(1 + t / 600): the fit is accepted for an hour, but its form is 50 deg/h off after 3.3."""
     t, output = record(0.3 / np.sqrt(1.0 + np.arange(3600.0) / 600.0), 3)
     report = characterise_warmup(t, output, "gz")
     assert report.accepted is report.exponential, "the form itself does not show within the hour"
@@ -72,7 +72,7 @@ def test_two_exponentials_are_written_and_corrected_as_two():
 
 
 def test_a_model_that_the_record_does_not_determine_is_not_offered():
-    """An exponential and a slow sway, which a second one would be fitted to with c1 of thousands."""
+    """An exponential and a slow sway, to which a second exponential with c1 of thousands would be fitted."""
     wild = 0
     for seed in range(6):
         t = np.arange(3600.0)
@@ -87,7 +87,7 @@ def test_a_model_that_the_record_does_not_determine_is_not_offered():
 
 
 def test_slow_noise_is_random_walk_and_flicker_of_the_given_levels():
-    """Beside the sum of squares of foreign noise: a walk by its steps, flicker by its growth with time."""
+    """Independent of the sum of squares: a walk by its steps, flicker by its growth with time."""
     noise = RecordNoise(0.0, 0.0, 0.3, 0.0, 1.0)
     t = np.array([0.0, 10.0, 40.0])
     assert noise.slow_covariance(t, t) == pytest.approx(0.09 * np.minimum.outer(t, t))
@@ -99,7 +99,7 @@ def test_slow_noise_is_random_walk_and_flicker_of_the_given_levels():
             (flicker.slow_variance(t[:1]) - flicker.slow_covariance(t[:1], np.array([float(lag)])))[0, 0]
         )
         print(f"flicker changes within {lag} s by {theirs:.2f} (foreign), {ours:.2f}")
-        # What differs is how fast it is at the fastest: a third of the variance at most.
+        # The difference is the largest slope: a third of the variance at most.
         assert ours == pytest.approx(theirs, rel=0.45)
 
 

@@ -10,7 +10,7 @@ SEED = 5
 
 
 def test_the_marginal_likelihood_is_the_density_of_all_that_could_have_been_read():
-    """Parameters of N(0, spread²) and noise of any covariance: what is read is Gaussian, too."""
+    """Parameters are N(0, spread²) and the noise has any covariance, so the data are Gaussian, too."""
     rng = np.random.default_rng(SEED)
     columns, spread = rng.standard_normal((12, 3)), np.array([0.5, 2.0, 30.0])
     root = rng.standard_normal((12, 12))

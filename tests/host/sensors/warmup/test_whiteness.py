@@ -32,7 +32,8 @@ def test_the_autocorrelation_test_counts_lags_beyond_two_standard_errors(sequenc
     r = [np.mean([(row[: length - k] @ row[k:]) / length for row in parts]) for k in range(length)]
     one = 1 / np.sqrt(sequences * length)
     assert result.autocorrelation == pytest.approx(np.array(r[1:]) / r[0]) and result.standard_error == one
-    # A lag k has N - k products: the biased estimate is as much narrower, and the last tenth is not judged.
+    # A lag k has N - k products: the biased estimate is narrower by that factor, and the last tenth is not
+    # judged.
     own = [one * np.sqrt(1 - k / length) for k in range(1, length)]
     judged = [k for k in range(1, length) if k <= 0.9 * length]
     beyond = sum(abs(r[k] / r[0]) > 2 * own[k - 1] for k in judged)
@@ -87,7 +88,7 @@ def test_white_noise_is_not_corrected_and_corrections_are_at_most_one_half():
 @pytest.mark.parametrize("pole", [0.0, 0.05, 0.15])
 @pytest.mark.parametrize("step", [0.01, 0.02])
 def test_the_white_noise_of_rests_is_the_density_at_low_frequency_whatever_the_low_pass(pole, step):
-    """A pole passes what is slow as it is; between rests the bias may have moved."""
+    """A one-pole low-pass leaves slow changes unchanged; between rests the bias may have changed."""
     n, count = 3e-4, 200_000
     share = np.exp(-step / pole) if pole else 0.0
     built = np.random.default_rng(4).normal(0.0, n / np.sqrt(step), count)
@@ -95,7 +96,7 @@ def test_the_white_noise_of_rests_is_the_density_at_low_frequency_whatever_the_l
     rate[count // 3 :] += 0.1
     t = 7.0 + step * np.arange(count)
     spans = [(0, count // 3), (count // 3, count // 2), (count // 2 + 5000, count)]
-    # Some 3,000 means: their differences tell a sigma to two per cent.
+    # Some 3,000 means: their differences determine a sigma to two per cent.
     assert estimate_angle_random_walk(t, rate, spans) == pytest.approx(n, rel=0.06, abs=0.0)
     assert estimate_angle_random_walk(t, rate * 0.0, spans) is None
     assert estimate_angle_random_walk(t, rate, []) is None
@@ -107,5 +108,5 @@ def test_sixteen_means_are_the_least_and_short_rests_have_shorter_ones(samples, 
     result = estimate_angle_random_walk(0.01 * np.arange(samples), noise, [(0, samples)])
     assert (result is not None) == reported
     if reported:
-        # One sample each: the Allan deviation of a sample, as far as it is white.
+        # One sample per mean: the Allan deviation of a sample, as far as it is white.
         assert result == pytest.approx(np.sqrt(np.mean(np.diff(noise) ** 2) / 2 * 0.01))
