@@ -96,7 +96,7 @@ print(round(machine.ADC(machine.Pin(29)).read_u16() * 9900 / 65535 / 20) * 20)
 
 
 def test_samples_of_the_chip_are_transferred_over_the_bus(tmp_path: Path) -> None:
-    """Hand calculation: a burst of 32 samples from the FIFO is 384 bytes of nine bits at 377.6 kHz, 9.15 ms."""
+    """A burst of 32 samples is 384 bytes of nine bits at 377.6 kHz, 9.15 ms."""
     program = I2C + (
         "for r, v in ((0x12, 0x44), (0x08, 0x09), (0x0A, 0x36), (0x10, 0x64), (0x11, 0x6C)):\n"
         "    i2c.writeto_mem(0x6B, r, bytes((v,)))\n"

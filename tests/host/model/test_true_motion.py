@@ -158,7 +158,7 @@ def steady(v=0.0, r=0.0, angle=0.0, effects=(), side="left", facing="left", radi
 
 @pytest.mark.parametrize(("angle", "force"), [(0.0, [G, 0, 0]), (np.pi / 2, [0, -G, 0]), (np.pi, [-G, 0, 0])])
 def test_at_standstill_gravity_rotates_with_the_wheel_angle(angle, force):
-    """Calculated by hand: at angle 0 the node's x axis points up, and after a quarter turn forward it points forward."""
+    """Calculated by hand: x of the node points up at angle 0, and forward after a quarter turn forward."""
     gyro, accel = steady(angle=angle)
     np.testing.assert_allclose(accel, force, atol=1e-12)
     assert not gyro.any()

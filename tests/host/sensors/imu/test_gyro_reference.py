@@ -157,7 +157,7 @@ def test_earth_rate_is_used_if_every_standstill_has_ten_times_lower_noise(parts,
 
 
 def test_for_noisy_gyros_the_standstill_needed_for_earth_rate_is_reported(parts):
-    """The noise of a mean falls with the root of its duration: ten times the noise needs 100 times as long."""
+    """The noise of a mean falls with the root of its duration: ten times the noise, 100 times as long."""
     notes = []
     gyro_of(standstills(sigma=EARTH, seconds=12.0), 0.8, notes)
     assert "standstills of 1200 s" in notes[0]
