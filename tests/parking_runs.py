@@ -26,9 +26,9 @@ HISTORY_S = 4.0
 class ParkingRun:
     """Result of a run.
 
-    lost: samples that were neither sent nor older than HISTORY_S at a wake-up. delays: s from the start of
-    each motion to the first sample at full rate. stamp_errors: us, of the samples at the slow rate. decoder,
-    device_s: of a host that received it all, and the times of the samples there.
+    lost: samples that were neither sent nor older than HISTORY_S at a wake-up. delays: time from the start of
+    each motion to the first sample at full rate, s. stamp_errors: time errors of the samples at the slow
+    rate, us. decoder, device_s: decoder of a host that received everything, and its sample times, s.
     """
 
     falls_asleep: int
@@ -44,7 +44,7 @@ class ParkingRun:
 
 
 def interrupted_standstill(cycles, seed, jolt=6.0):
-    """Return a motion with distinct samples, at rest but for `cycles` drives, and their starts."""
+    """Return a motion with distinct samples, at rest except for `cycles` drives, and their starts, s."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, cycles * CYCLE_S + 2.0, 0.0012)
     starts = np.array([k * CYCLE_S + CYCLE_S - MOTION_S - rng.random() for k in range(cycles)])
@@ -59,7 +59,7 @@ def interrupted_standstill(cycles, seed, jolt=6.0):
 
 
 def park(cycles, *, chip="lsm6dso", wired=True, seed=1, interpreter="cpython", rate_hz=416, **settings):
-    """Run a node through `cycles` falls asleep and wake-ups; wired: INT1 is wired to a pin."""
+    """Run a node through `cycles` sleeps and wake-ups; wired: True if INT1 is wired to a pin."""
     motion, starts = interrupted_standstill(cycles, seed)
     config = {"link": "uart", "park_after_s": PARK_AFTER_S, "rate_hz": rate_hz}
     if wired:

@@ -19,7 +19,7 @@ SECONDS = 3.2
 
 @dataclass
 class RadioRun:
-    """The frames that the receiver's host got from each node and the receiver, and each chip's truth."""
+    """Frames that the receiver's host got from each node and from the receiver, and each chip's samples."""
 
     sent: dict
     truths: dict

@@ -51,7 +51,7 @@ def environment_folder(dist, tmp_path_factory):
     python = home / "bin" / "python"
     (wheel,) = dist.glob("*.whl")
     pip = [sys.executable, "-m", "pip", "--python", python, "install", "--quiet", "--no-index", "--no-deps"]
-    # Only what runs is compiled.
+    # Compile only the files that are run.
     subprocess.run([*pip, "--no-compile", wheel], check=True, capture_output=True)
     (site,) = home.glob("lib/python*/site-packages")
     (site / "borrowed.pth").write_text(sysconfig.get_paths()["purelib"] + "\n")

@@ -48,8 +48,8 @@ def test_json_has_null_for_numbers_that_are_not_finite_and_no_lone_surrogates() 
 
 
 def test_one_function_of_the_package_writes_json() -> None:
-    # The journal of a search is read by this program only and stores every number exactly; the text of a
-    # ROS 2 type, of which there is a hash, has the spaces that ROS gives it.
+    # The journal of a search is read only by this program and stores every number exactly; the text of a ROS
+    # 2 type is hashed, so it has the spaces that ROS gives it.
     allowed = {"safe_text.py", "gap/judge/journal.py", "ros2/type_hash.py"}
     writing = {
         path.relative_to(PACKAGE).as_posix()

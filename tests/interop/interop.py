@@ -33,7 +33,7 @@ ODOMETRY, IMU, TF = (
     "tf2_msgs::msg::dds_::TFMessage_",
 )
 DIAGNOSTICS = "diagnostic_msgs::msg::dds_::DiagnosticArray_"
-# Name, type, reliable, transient local: what robot_localization, tf2 and rqt_robot_monitor ask for.
+# Name, type, reliable, transient local: as requested by robot_localization, tf2 and rqt_robot_monitor.
 TOPICS = (
     ("/odom", ODOMETRY, 1, 0),
     ("/tf", TF, 1, 0),
@@ -106,7 +106,7 @@ def imu_values(message):
 
 
 def content_differs(topic, kind, row, messages):
-    """Return what the newest message received differs in from the message of the log with its stamp."""
+    """Return how the newest message received differs from the message of the log with its stamp."""
     if kind == TF:
         frames = {(item["frame"], item["child"]) for item in row["transforms"]}
         expected = {(t.header.frame_id, t.child_frame_id) for t in messages[-1].transforms}

@@ -1,4 +1,4 @@
-"""Avrutov 2010, paper beside ours: the test case, Figure 2 with its knee at eight decimals, averaging.
+"""Avrutov 2010 beside our results: the test case, Figure 2 with its knee at eight decimals, averaging.
 
 .venv/bin/python tests/papers/avrutov.py [--seed N] [--png FILE]
 """
@@ -43,7 +43,7 @@ def gravity(order, every_combination=False):
 
 
 def as_in_the_paper(u, g):
-    """Return eq. 6: one linear solution with the true direction cosines."""
+    """Return the errors by eq. 6: one linear solution with the true direction cosines."""
     x, y, z = g.T
     rows = np.column_stack([x, y, z, x * x, y * y, z * z, x * y, x * z, y * z])
     return np.linalg.lstsq(rows, ((u**2).sum(axis=1) - 1) / 2, rcond=None)[0], np.linalg.cond(rows)

@@ -2,10 +2,11 @@
 
     python tests/papers/avrutov_separation.py [--seeds 30] [--first 0]
 
-The paper's nine parameters hold differences of angles; each angle is then half of one, with the sign of a
-triad that is turned nowhere. That is right only where the angles are equal and opposite. Ours takes the angle
-between gravity and Earth rate besides, or the turns between the poses. The bound is Cramér and Rao's for the
-means of the rests, with bias and matrix of both triads and the attitude of every pose unknown.
+The paper's nine parameters hold differences of angles; each angle is then half of one, with the sign for a
+triad that is not rotated as a whole. That is correct only if the angles are equal and opposite. Our method
+also uses the angle between gravity and Earth rate, or the turns between the poses. The bound is that of
+Cramér and Rao for the means of the rests, with bias and matrix of both triads and the attitude of every pose
+unknown.
 """
 
 import argparse
@@ -50,7 +51,8 @@ def bound(attitudes, gyro_noise):
     shared = []
     for attitude in attitudes:
         rate, force = attitude.inv().apply([EARTH * earth, [0.0, 0.0, GRAVITY]])
-        # Rows: three gyros, three accelerometers; columns: b, M of the gyros, b, symmetric M of the others.
+        # Rows: three gyros, three accelerometers; columns: bias and matrix of the gyros, bias and symmetric
+        # matrix of the accelerometers.
         gyro = np.hstack([np.eye(3), np.kron(np.eye(3), rate)])
         x, y, z = force
         symmetric = np.array([[x, 0, 0, y, z, 0], [0, y, 0, x, 0, z], [0, 0, z, 0, x, y]])

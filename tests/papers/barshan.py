@@ -2,11 +2,11 @@
 
 python tests/papers/barshan.py [SEEDS]
 
-Columns of the first table: paper (its one run) | the paper's filter rebuilt, which is told C1, C2 and T as
-printed there, with sigma_w on the bias as well | the same with a bias that follows eq. 6 alone, as by the
-printed Q a step of the rate goes into the bias | the mean of the rest subtracted, and nothing else | ours:
-what `hubodo warmup` learns from one night, and `hubodo heading` with that | the bound: the same rest, told
-the true course of the bias. Degrees at the end of five minutes.
+Columns of the first table: the paper (its one run) | the paper's filter rebuilt with C1, C2 and T as printed
+there, and with sigma_w on the bias as well | the same with a bias that follows eq. 6 alone, because with the
+printed Q a step of the rate enters the bias | the mean of the rest subtracted | ours: `hubodo warmup` on one
+night, then `hubodo heading` | the bound: the same rest with the true course of the bias known. Degrees at the
+end of five minutes.
 """
 
 import json
@@ -47,7 +47,7 @@ HOURS = ((300.0, "5 min"), (3600.0, "1 h"), (3 * 3600.0, "3 h"))
 
 @dataclass(frozen=True)
 class Known:
-    """A warm-up model from one night, and the sigmas of its parameters by name; SI."""
+    """A warm-up model from one night, and the sigmas of its parameters by name, in SI units."""
 
     model: WarmupModel
     sigma: dict[str, float]
@@ -130,7 +130,7 @@ def five_minutes(case: str, seeds: range, nights: list[Known]) -> dict[str, np.n
 
 
 def hours(stationary: float, cold: bool, seeds: range, nights: list[Known]) -> dict[str, np.ndarray]:
-    """Return by method the (M, 3) errors in degrees at HOURS after an initial standstill; "sigma" of ours."""
+    """Return the errors (M, 3), degrees, at HOURS after a standstill, by method; "sigma" is ours."""
     built: dict[str, list[list[float]]] = {"mean of the rest": [], "ours": [], "sigma": []}
     dt = 0.1
     for seed in seeds:
@@ -138,7 +138,7 @@ def hours(stationary: float, cold: bool, seeds: range, nights: list[Known]) -> d
         age = 0.0 if cold else 8 * 3600.0
         t = np.arange(0.0, stationary + HOURS[-1][0] + 1.0, dt)
         day = start_day.Day(**{**vars(start_day.day(rng)), "scale": 0.0})
-        # At 10 Hz a noise of 10 Hz is white: of the same density, 2 tau sigma^2.
+        # Sampled at 10 Hz, noise with a bandwidth of 10 Hz is white, with the same density 2 tau sigma^2.
         noise = start_gyro.NOISE * math.sqrt(2.0 / (2.0 * math.pi * start_day.BANDWIDTH) / dt)
         output = start_gyro.digitise(day.bias(age + t) + rng.normal(0.0, noise, len(t)))
         track = ours(nights[seed % len(nights)], t, output, age, stationary, 2.0)

@@ -1,4 +1,4 @@
-"""Robert 2014, row by row: what the thesis says, its method rebuilt, ours, and the Cramér-Rao bound.
+"""Robert 2014, row by row: figures of the thesis, its method rebuilt, ours, and the Cramér-Rao bound.
 
 .venv/bin/python tests/papers/robert.py [--seeds N] [--static FOLDER]
 """
@@ -10,7 +10,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-# Small matrices: threads of the linear algebra only wait for each other, and for any busy core.
+# With small matrices, threads of the linear algebra mostly wait for each other and for busy cores.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import numpy as np
@@ -91,9 +91,9 @@ def programme(sensor, seed, azimuth, directions, stop, stops):
 
 
 def oracle(result, sensor):
-    """Generalised least squares that is told the truth of the noise: estimate and covariance of the seen.
+    """Return estimate and covariance of the observed components by least squares with the true noise.
 
-    The covariance is the Cramér-Rao bound; bias and ramp are unknown to it as to us.
+    The covariance is the Cramér-Rao bound; bias and ramp are unknown, as for our estimator.
     """
     return oracle_of(result.averages[0], sensor)
 
@@ -122,7 +122,7 @@ def azimuth_oracle_of(averages, sensor, azimuth):
 
 
 def two_point(sensor, stop, stops, seeds):
-    """Percent of Earth rate, table zero due north: nearest neighbour, ours, sigma, oracle, others; bound."""
+    """Return errors in % of Earth rate: nearest neighbour, ours, sigma, oracle, other filters; and the bound."""
     rows = []
     for seed in range(seeds):
         record = programme(sensor, seed, 0.0, TWO, stop, stops)
@@ -135,7 +135,7 @@ def two_point(sensor, stop, stops, seeds):
 
 
 def four_point(sensor, stop, stops, seeds, first=20_000):
-    """Degrees at any azimuth: (seeds, 5) nearest neighbour, ours, sigma, oracle, bound; the posteriors."""
+    """Return degrees (seeds, 5): nearest neighbour, ours, sigma, oracle, bound; and the posteriors."""
     rows, retained = [], []
     for seed in range(seeds):
         azimuth = np.random.default_rng(10_000 + seed // 4).uniform(-np.pi, np.pi)
@@ -215,7 +215,7 @@ def several(retained, four):
 
 
 def moving_rows(name, sensor, seeds):
-    """Carousel and east-seeking in as much time as 20 stops of 34 s, degrees."""
+    """Carousel and east-seeking in the time of 20 stops of 34 s, degrees."""
     turned, east = [], []
     for seed in range(seeds):
         rng = np.random.default_rng(30_000 + seed)
@@ -254,7 +254,7 @@ def moving_rows(name, sensor, seeds):
 
 
 def noise_rows(seeds):
-    """White, flicker, walk and ramp of their own, by another generator: ours over the bound, and sigma."""
+    """Print white noise, flicker, walk and ramp by another generator: ours over the bound, and sigma."""
     n, b, k = 3e-5, 3e-6, 1e-6
     for name, noise in (
         ("white noise", Noise(n)),
@@ -282,7 +282,7 @@ def row(what, paper, theirs, ours, bound, reported=None):
 
 
 def sigma(errors, sigmas):
-    """Return the consistency of sigma: NEES (expected 1), and the shares within one and two sigma."""
+    """Print the consistency of sigma: NEES (expected 1), and the shares within one and two sigma."""
     z = errors / sigmas
     print(
         f"  sigma {rms(sigmas):.2f}, NEES {np.mean(z**2):.2f}, "

@@ -1,4 +1,4 @@
-"""Shah et al., paper beside ours: Table I (run time and RMSE of Kalman and RLS) and Figure 3 (bias removal).
+"""Shah et al. beside our results: Table I (run time and RMSE of Kalman and RLS) and Figure 3 (bias removal).
 
 python tests/papers/shah.py [--seeds N] [--png FILE]
 """
@@ -143,10 +143,10 @@ def table_rmse(seeds):
 
 
 def held_out(values, dt):
-    """rms in rad/s by way, of every second sample as told from those before it, in the second half.
+    """Return by method the rms error, rad/s, of predicting every second sample in the second half.
 
-    The Kalman filter's gain is the best of the first half. No truth is needed: the noise of the sample that
-    was left out is the same for all.
+    The Kalman filter's gain is the best of the first half. No truth is needed, because the noise of the
+    predicted sample is the same for all methods.
     """
     observed, wanted = values[::2], values[1::2]
     count = min(len(observed), len(wanted))

@@ -24,7 +24,7 @@ def expected(bias, gyro):
 
 
 def test_the_printed_update_is_an_extended_kalman_filter_with_this_derivative():
-    """filterpy's, with H by central differences of h(b) = 2 G.b - |b|^2: eq. 2 with its sign, and eq. 3."""
+    """filterpy's filter, H by central differences of h(b) = 2 G.b - |b|^2: eq. 2 and its sign, eq. 3."""
     rng = np.random.default_rng(2)
     ours = PseudoMeasurementFilter(NOISE, [0.01, -0.02, 0.0], [0.02, 0.03, 0.04], as_printed=True)
     theirs = ExtendedKalmanFilter(3, 1)
@@ -48,14 +48,14 @@ def test_the_printed_update_is_an_extended_kalman_filter_with_this_derivative():
             R=variance,
         )
         ours.update(gyro.tolist(), float(np.linalg.norm(rate)))
-        # The differences carry eps |h(b)| / 1e-6 = 1e-10 of H.
+        # The differences have a relative error of eps |h(b)| / 1e-6 = 1e-10 of H.
         assert ours.bias == pytest.approx(theirs.x[:, 0], rel=1e-6, abs=1e-9)
         assert ours.covariance == pytest.approx(theirs.P, rel=1e-5, abs=1e-12)
 
 
 @pytest.mark.parametrize("rate", [(0.0, 0.0, 0.0), (0.002, 0.0, -0.001), (3.0, -1.0, 2.0)])
 def test_noise_of_the_measurement_has_the_moments_of_the_docstring(rate):
-    """E v, var v, and at rest the weight E[|H|^2 v^2] / E[|H|^2] of a noise that H shares."""
+    """Mean and variance of v, and at rest the weight E[|H|^2 v^2] / E[|H|^2] of noise that H and v share."""
     rng = np.random.default_rng(8)
     count = 400_000
     e = rng.multivariate_normal(np.zeros(3), NOISE, count)
@@ -63,7 +63,7 @@ def test_noise_of_the_measurement_has_the_moments_of_the_docstring(rate):
     v = 2 * e @ omega + (e * e).sum(axis=1) - np.trace(NOISE)
     variance = 4 * omega @ NOISE @ omega + 2 * np.trace(NOISE @ NOISE)
     assert abs(v.mean()) < 4 * math.sqrt(variance / count)
-    # The fourth moment of a chi-square-like v: relative 1 sigma of its variance below sqrt(15 / count).
+    # The fourth moment of a chi-square-like v gives its variance a relative 1 sigma below sqrt(15 / count).
     assert v.var() == pytest.approx(variance, rel=4 * math.sqrt(15 / count))
     if not any(rate):
         square = (e * e).sum(axis=1)
@@ -122,7 +122,7 @@ def test_at_standstill_the_printed_filter_is_overconfident():
 
 
 def test_at_standstill_the_information_is_two_sevenths_of_that_of_the_mean():
-    """Isotropic noise: 4 s^2 / (14 s^4) a sample and axis."""
+    """Isotropic noise: 4 s^2 / (14 s^4) per sample and axis."""
     rng, count = np.random.default_rng(9), 4000
     filter_ = PseudoMeasurementFilter(SIGMA**2 * np.eye(3), sigma=SIGMA)
     filter_.run(rng.normal(0.0, SIGMA, (count, 3)))
@@ -164,7 +164,7 @@ def test_the_filter_converges_from_an_initial_error_of_a_hundred_sigma(kind, sta
     gyro = rate + bias + np.random.default_rng(3).multivariate_normal(np.zeros(3), NOISE, len(rate))
     filter_ = PseudoMeasurementFilter(NOISE, start, sigma)
     filter_.run(gyro, np.linalg.norm(rate, axis=1))
-    # The wider prior costs samples; a tenth of a start error has to be left behind by far.
+    # The wider prior takes more samples; the remaining error must be far below a tenth of the initial one.
     assert filter_.bias == pytest.approx(bias, abs=3e-3 if kind == "rest" else 2e-4)
     squared = (filter_.bias - bias) @ np.linalg.inv(filter_.covariance) @ (filter_.bias - bias)
     assert squared < chi2.ppf(0.9999, 3)
@@ -186,7 +186,7 @@ def test_an_initial_bias_above_the_rate_converges_to_the_mirror_solution_until_t
         assert held.bias[2] == pytest.approx(ends, abs=2e-4)
         turned = start(1e-4)
         turned.run(both, rate)
-        # The walk alone lets it move by sqrt(1e-4 SIGMA) = 3e-4.
+        # The walk alone allows a change of sqrt(1e-4 SIGMA) = 3e-4.
         assert turned.bias[2] == pytest.approx(bias, abs=1.5e-3)
 
 
@@ -245,7 +245,7 @@ def test_the_rate_from_gravity_is_the_weighted_mean_of_a_rate_that_changes():
     known = rate_from_gravity(
         gyro, accel, dt, stretch=500, phase_sigma=0.01, radius=spin_drives.RADIUS, arm=0.02 - 0.01j
     )
-    # What the differences at the two ends of w' leave: 1e-5.
+    # The differences at the two ends of w' leave 1e-5.
     assert known.rate == pytest.approx(known.gyro[:, 2], abs=5e-5)
     mirrored = accel * [1.0, -1.0, 1.0]
     right = rate_from_gravity(

@@ -20,7 +20,7 @@ def regressors(y, rates, lagged):
 @pytest.mark.parametrize("lagged", [False, True])
 @pytest.mark.parametrize("forgetting", [1.0, 0.98, 0.92])
 def test_the_coefficients_are_those_of_weighted_least_squares(forgetting, lagged):
-    """numpy's lstsq (SVD) over all samples with the weights lambda^(N - n), and P_0 as two more rows."""
+    """numpy's lstsq (SVD) over all samples with weights lambda^(N - n), and P_0 as two more rows."""
     count = 300
     z = np.random.default_rng(2).normal(3.0, 0.3, count)
     ours = RecursiveLeastSquares(forgetting, bias=0.1, lagged=lagged)
@@ -31,7 +31,7 @@ def test_the_coefficients_are_those_of_weighted_least_squares(forgetting, lagged
     rows = np.vstack([weights[:, None] * x, prior])
     right = np.append(weights * (z - 0.1), [0.0, 0.0])
     expected = np.linalg.lstsq(rows, right)[0]
-    # P_0 = 1e6 takes six of sixteen digits from the first steps.
+    # P_0 = 1e6 costs six of sixteen digits of the first steps.
     assert ours.coefficients == pytest.approx(expected, rel=1e-8)
     assert rates[-1] == pytest.approx(x[-1] @ expected, rel=1e-8)
     assert ours.covariance == pytest.approx(np.linalg.inv(rows.T @ rows), rel=1e-8)
@@ -52,15 +52,15 @@ def test_the_filter_equals_the_fading_filter_of_filterpy():
 
 
 def test_white_noise_at_a_constant_rate_is_reduced_to_the_golden_ratio():
-    """-b_2 = a with a^2 + a = 1; the variance that is left is a of the noise's (module docstring)."""
+    """-b_2 = a with a^2 + a = 1; the residual variance is a times that of the noise (module docstring)."""
     golden = (math.sqrt(5.0) - 1.0) / 2.0
     noise, seed = 0.1, 11
     count = 60_000
-    # A small rate, as the line through n = 0 leads it: by 2000 / n of it.
+    # The rate is small, because the line through n = 0 leads it by 2000 / n of its value.
     z = 0.1 + np.random.default_rng(seed).normal(0.0, noise, count)
     filter_ = RecursiveLeastSquares(0.9995)
     rates = filter_.run(z)[20_000:]
-    # 2000 remembered samples: 1 sigma of b_2 is 1 / sqrt(2000 / 1.6) = 0.03 at any moment.
+    # With 2000 remembered samples the 1 sigma of b_2 is 1 / sqrt(2000 / 1.6) = 0.03 at any time.
     assert -filter_.coefficients[1] == pytest.approx(golden, abs=0.1)
     assert np.var(rates) / noise**2 == pytest.approx(golden, abs=0.03)
     other = RecursiveLeastSquares(0.9995, lagged=True).run(z)[20_000:]
@@ -71,7 +71,7 @@ def test_the_line_through_zero_leads_a_constant_by_its_memory():
     count = 40_000
     z = 5.0 + np.random.default_rng(12).normal(0.0, 0.01, count)
     rates = RecursiveLeastSquares(0.999, lagged=True).run(z)
-    # A thousand samples of 0.01: 0.0003 of noise, which is 0.002 of the lead of 0.125.
+    # A thousand samples with noise 0.01 leave 0.0003, which is 0.002 of the lead of 0.125.
     assert rates[-1] / 5.0 - 1.0 == pytest.approx(1000 / count, rel=0.1)
 
 
@@ -84,7 +84,7 @@ def test_single_updates_equal_a_batch():
 
 @pytest.mark.parametrize("rate", [0.0, 0.25])
 def test_hours_of_equal_samples_cause_no_overflow(rate):
-    """lambda^-n overflows after 8,500 samples at 0.92; what follows must still be followed."""
+    """lambda^-n would overflow after 8,500 samples at 0.92; later rates must still be followed."""
     filter_ = RecursiveLeastSquares(0.92)
     filter_.run(np.full(50_000, rate))
     assert np.isfinite(filter_.covariance).all() and np.linalg.eigvalsh(filter_.covariance)[0] >= 0.0
@@ -111,7 +111,7 @@ def test_the_covariance_stays_positive_for_any_input(legs, forgetting, lagged, s
         assert np.isfinite(rates).all()
         p = filter_.covariance
         assert p[0, 0] > 0.0 and p[1, 1] > 0.0
-        # Rounding may close the determinant, never open it the other way by more than it rounds.
+        # Rounding may make the determinant zero, but negative only by as much as it rounds.
         assert p[0, 1] ** 2 <= p[0, 0] * p[1, 1] * (1.0 + 1e-6)
 
 

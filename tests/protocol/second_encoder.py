@@ -1,6 +1,6 @@
 """An independent encoder, written from protocol/README.md alone: simple, slow, without code of hubowire."""
 
-# (field, bytes each, signed, how many); bytes 0 stands for a byte string; the last of a table repeats.
+# (field, bytes each, signed, count); bytes 0 stands for a byte string; the last entry of a table repeats.
 PAYLOADS = {
     "Hello": (
         ("fingerprint", 4, False, 1),

@@ -14,7 +14,7 @@ from hubowire.messages import ImuBatch
 
 
 def frames_of(groups: list[FrameGroup]) -> list[Frame]:
-    """The frames of some groups in the order they came."""
+    """Return the frames of some groups in the order of arrival."""
     rows = [
         (int(end), Frame(group.type_id, group.node, int(seq), payload.tobytes()))
         for group in groups
@@ -90,7 +90,7 @@ def is_sound_batch(frame: Frame) -> bool:
 
 
 def check_by_node(frames: list[Frame], groups: list[FrameGroup]) -> None:
-    """Batches and other frames of each node are the frames, in their order."""
+    """The batches and other frames of each node are all frames, in their order."""
     by_node = group_by_node(groups, no_times)
     assert set(by_node) == {frame.node for frame in frames}
     for node, some in by_node.items():

@@ -18,7 +18,7 @@ def of(messages: tuple, enums: tuple = ENUMS) -> int:
 
 
 def rebuilt(kind: type[Message], **change: dict) -> type[Message]:
-    """The message class with one field's metadata, or name, or the class's id changed."""
+    """Return the message class with another name, id, or metadata of one field."""
     rows = []
     for item in dataclasses.fields(kind):
         meta = dict(item.metadata) | change.get(item.name, {})

@@ -23,7 +23,7 @@ ORDINARY = [vector["stream"] for _, vector in VECTORS if not vector["pending"]]
 
 @pytest.fixture(scope="module")
 def decoder(tmp_path_factory):
-    """Runs it: streams and a portion to what it says of each stream."""
+    """Return a function that runs the decoder: streams and portion size -> its result for each stream."""
     compiler = shutil.which("cc")
     if compiler is None:
         if os.environ.get("CI"):

@@ -52,7 +52,8 @@ def test_unstuffing_accepts_exactly_what_the_pypi_package_accepts(stuffed: bytes
         expected = cobs.decode(stuffed)
     except cobs.DecodeError:
         expected = None
-    # The package takes nothing at all for an empty body; no frame is empty, so the decoder never asks.
+    # The package returns an empty body for no bytes at all; no frame is empty, so the decoder never asks
+    # that.
     assert stuffed == b"" or cobs_decode(stuffed) == expected
 
 

@@ -28,7 +28,7 @@ def in_bulk(decoder: BulkDecoder, data: bytes) -> None:
 
 
 def portions(seed: int):
-    """Random bytes, bytes rich in small codes and zeros, and mutated frames, in portions of random size."""
+    """Return random bytes, bytes rich in small codes and zeros, and mutated frames, in random portions."""
     rng = np.random.default_rng(seed)
     frames = drive(rng, 1500)
     left = TOTAL

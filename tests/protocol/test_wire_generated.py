@@ -75,11 +75,13 @@ def test_the_node_knows_every_code_and_the_frame_sizes(node_names: dict):
 
 
 def test_the_budget_agrees_with_sums_done_by_hand():
-    # 8 + 14 + 16 x 12 = 214 bytes, 13 times a second at 208 Hz; beside them 5 Filter frames of 67 bytes,
-    # 10 Mag of 18, one Health of 41, one TimeReply of 24, and in five seconds a Hello of 8 + 51 + 2 x 3.
+    # 8 + 14 + 16 x 12 = 214 bytes, 13 times per second at 208 Hz; also 5 Filter frames of 67 bytes, 10 Mag of
+    # 18, one Health of 41 and one TimeReply of 24 per second, and a Hello of 8 + 51 + 2 x 3 every five
+    # seconds.
     assert budget.imu_frame_bytes(16) == 214
     assert budget.node_bytes_per_s(208, 16) == pytest.approx(13 * 214 + 335 + 180 + 41 + 24 + 65 / 5)
     assert budget.link_load(budget.serial_link(115200), 208, 16) == pytest.approx(3375 / 11520)
-    # One full packet at 250 kb/s: 8 + 32 bytes and 9 bits, the answer 8 bytes and 9 bits, 2 x 130 us.
+    # One full packet at 250 kb/s: 8 + 32 bytes and 9 bits, the acknowledgement 8 bytes and 9 bits, 2 x 130
+    # us.
     packet_s = (40 * 8 + 9) / 250e3 + (8 * 8 + 9) / 250e3 + 260e-6
     assert budget.nrf24_link().load(30, 1) == pytest.approx(packet_s)

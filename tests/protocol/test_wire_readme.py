@@ -18,7 +18,7 @@ LETTERS = {"u8": "B", "i8": "b", "u16": "H", "i16": "h", "u32": "I", "i32": "i",
 
 
 def tables() -> dict[tuple[int, str], list[tuple[str, str, str, str]]]:
-    """Field name, type, scale and unit of each message section of the page."""
+    """Return name, type, scale and unit of each field of the message sections of the page."""
     sections = re.split(r"^#### 0x([0-9A-F]{2}) (\w+)$", PAGE, flags=re.M)[1:]
     sections_by_id = {}
     for code, name, text in zip(sections[::3], sections[1::3], sections[2::3], strict=True):
@@ -27,7 +27,7 @@ def tables() -> dict[tuple[int, str], list[tuple[str, str, str, str]]]:
 
 
 def split_type(words: str) -> tuple[str, int, bool]:
-    """(base, count, whether a counted table) of ``u8 count, then count x i16[6]``."""
+    """Return (base, count, whether it is a counted table) of ``u8 count, then count x i16[6]``."""
     repeats = words.startswith("u8 count, then count x ")
     base, _, count = words.removeprefix("u8 count, then count x ").rstrip("]").partition("[")
     return base, int(count or 1), repeats

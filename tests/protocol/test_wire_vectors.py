@@ -121,7 +121,7 @@ def test_no_single_bit_error_of_any_vector_frame_yields_a_frame_and_the_neighbou
             broken = bytearray(stream)
             broken[bit // 8] ^= 1 << bit % 8
             decoder = FrameDecoder()
-            # The delimiter's own loss welds the next frame on: a second good one shows the recovery.
+            # A lost delimiter joins the frame to the next one; a second valid frame shows the recovery.
             frames = decoder.feed(before + broken + after + after)
             survivors = [last] if bit // 8 == len(stream) - 1 else [last, last]
             assert frames == [first, *survivors], f"{name}: bit {bit}"

@@ -22,7 +22,7 @@ def _number(letter: str) -> st.SearchStrategy[int]:
 
 
 def message(kind: type[Message]) -> st.SearchStrategy[Message]:
-    """Any message of a class, over the whole range of each field."""
+    """Return a strategy of all messages of a class, over the whole range of each field."""
     values = {}
     for row in wire_fields(kind):
         code = row.type.removesuffix("[]")
@@ -47,23 +47,23 @@ frames = st.builds(
 
 @st.composite
 def message_frames(draw: st.DrawFn) -> Frame:
-    """A frame around a message of the table."""
+    """Draw a frame with a message of the table."""
     body = draw(messages)
     return Frame(body.type_id, draw(st.integers(0, 3)), draw(st.integers(0, 65535)), encode(body))
 
 
 @st.composite
 def portions(draw: st.DrawFn, stream: bytes) -> list[bytes]:
-    """The stream in random portions, empty ones too."""
+    """Draw the stream in random portions, including empty ones."""
     cuts = sorted(draw(st.lists(st.integers(0, len(stream)), max_size=12)))
     edges = [0, *cuts, len(stream)]
     return [stream[a:b] for a, b in pairwise(edges)]
 
 
 def dirty(stream: bytes, rng: np.random.Generator, share: float = 0.01, *, splices: bool = True) -> bytes:
-    """The stream with `share` of its bytes replaced, and a hundredth as many cuts, splices and insertions.
+    """Return the stream with `share` of its bytes replaced, and 1 % as many cuts, splices and insertions.
 
-    splices: pieces of the stream that come again elsewhere, before their time too.
+    splices: True to repeat pieces of the stream elsewhere, also before their original position.
     """
     data = np.frombuffer(stream, np.uint8).copy()
     hit = rng.random(len(data)) < share
@@ -87,7 +87,7 @@ def dirty(stream: bytes, rng: np.random.Generator, share: float = 0.01, *, splic
 
 
 def drive(rng: np.random.Generator, count: int) -> bytes:
-    """A busy link: batches of 1 to 19 samples of two nodes, and the other messages now and then."""
+    """Return a busy link: batches of 1 to 19 samples of two nodes, and occasionally the other messages."""
     kinds = rng.choice([1, 2, 3, 4, 5, 6, 8, 99], count, p=[0.01, 0.7, 0.1, 0.1, 0.03, 0.02, 0.03, 0.01])
     sizes = {
         1: [49, 55],
@@ -104,7 +104,7 @@ def drive(rng: np.random.Generator, count: int) -> bytes:
         size = int(rng.choice(sizes[int(kind)]))
         body = bytearray(rng.integers(0, 256, size, dtype=np.uint8) * (rng.random(size) < 0.8))
         if kind == 2:
-            # Now and then a count the payload does not bear out.
+            # Occasionally the count does not match the payload.
             body[13] = (size - 14) // 12 + int(rng.random() < 0.02)
         out.append(encode_frame(Frame(int(kind), 1 + seq % 2, seq % 65536, bytes(body))))
     return b"".join(out)

@@ -63,7 +63,7 @@ def _generated(seed: int, *names: str, rate_hz: float = 104.0) -> Callable[[], R
         nodes = {}
         for name, node in short_drive(seed, rate_hz).nodes.items():
             if name in names:
-                # A log holds whole nanoseconds.
+                # A log stores whole nanoseconds.
                 t = np.round(node.t + 1.0, 9)
                 rows = np.column_stack([t, node.gyro, node.accel])
                 nodes[name] = Table(dict(zip(columns, rows.T, strict=True)))

@@ -18,7 +18,7 @@ from virtual_runs import micropython_or_skip
 
 
 def doctor(capfd, port, *words):
-    """Return the exit code and {name: (verdict, seen, remedy)}."""
+    """Return the exit code and {name: (verdict, observation, remedy)}."""
     micropython_or_skip()
     code = main(["doctor", str(port), "--json", "--seconds", "3", *words])
     out, err = capfd.readouterr()

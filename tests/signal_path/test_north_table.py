@@ -26,7 +26,7 @@ SPEED = 180.0
 class Turned(StillMotion):
     """Motion of a node on a table: turns about z as (begin, end, rad/s) on the board's clock.
 
-    begun: host time at which that clock was 0, s; lived: its present time.
+    begun: estimates of the host time at which that clock was 0, s; lived: its present time, s.
     """
 
     begun: list = field(default_factory=list)
@@ -36,7 +36,7 @@ class Turned(StillMotion):
 
     def angular_rate(self, t):
         gyro = self.rng.normal(0.0, 0.002, (len(t), 3))
-        # Power-on time: the minimum delay of the board's clock, which is never ahead.
+        # The power-on time is the smallest estimate, as the board's clock is late but never early.
         self.begun.append(time.monotonic() - float(np.max(t)))
         self.lived[0] = float(np.max(t))
         for start, end, rate in list(self.turns):
@@ -94,7 +94,7 @@ def test_a_real_node_is_turned_and_feels_the_turns_that_the_table_tells(bench, t
     out = tmp_path / "north.mcap"
     north_result, _ = north(capsys, port, "--table", table.path, "--stops", 5, "-o", out)
     assert [angle % 360 for angle in table.visited] == [0, 180, 90, 270, 0]
-    # A gyro of this noise cannot find north in five seconds, and the result must say so.
+    # A gyro with this noise cannot find north in five seconds, and the result must say so.
     assert north_result["sigma_deg"] > 45 and any(
         "does not determine north" in text for text in north_result["warnings"]
     )

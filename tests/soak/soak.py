@@ -46,9 +46,9 @@ FOLLOWER = Path(__file__).with_name("follower.py")
 
 
 class Hours:
-    """Memory in MB of each hour of virtual time, the median of its minutes, printed as it goes.
+    """Memory in MB of each hour of virtual time (the median of its minutes), printed as the run proceeds.
 
-    A minute alone scatters by 2 MB, with what the allocator holds while a log is sealed or a page is sent.
+    A single minute scatters by 2 MB, which the allocator holds while a log is closed or a page is sent.
     """
 
     def __init__(self, trace: bool) -> None:
@@ -74,7 +74,7 @@ class Hours:
             self._before = now
 
     def slope(self) -> float:
-        """Slope of the memory after the first hour, MB per hour."""
+        """Return the slope of the memory after the first hour, MB per hour."""
         later = self.memory[1:]
         return float(np.polyfit(np.arange(len(later)), later, 1)[0]) if len(later) > 1 else 0.0
 

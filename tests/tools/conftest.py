@@ -1,4 +1,4 @@
-"""The developers' tools can be imported here."""
+"""Make the developers' tools importable."""
 
 import sys
 from pathlib import Path

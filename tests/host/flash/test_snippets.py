@@ -1,6 +1,7 @@
 """Code that a board runs during flashing, run here in a folder that stands for its file system.
 
-Real MicroPython runs the same code in tests/signal_path; here each line is tested alone, cuts included.
+Real MicroPython runs the same code in tests/signal_path; here each snippet is tested alone, including power
+cuts.
 """
 
 import ast
@@ -127,7 +128,7 @@ def test_a_file_is_received_in_pieces_of_hexadecimal_digits_each_on_request(boar
 def test_a_power_cut_leaves_a_complete_start_program(
     board: Board,
 ) -> None:
-    """It is replaced by one rename, before files of the old one are removed."""
+    """main.py is replaced by one rename, before old files are removed."""
     code = snippets.SWAP.format(swap=["main.py"], new=".new", forget=["/a/x.py"], folders=["/a", "/empty"])
     for cut in range(4):
         board.write(**{"main_py": b"old", "main_py.new": b"new", "a__x_py": b"x"})
@@ -138,7 +139,7 @@ def test_a_power_cut_leaves_a_complete_start_program(
         except KeyboardInterrupt:
             assert board.path("/main.py").read_bytes() == (b"old" if cut == 0 else b"new")
             assert board.path("/a/x.py").exists() == (cut < 2)
-    # A folder with files, or one that does not exist, is no error.
+    # Neither a folder with files nor a missing one is an error.
     board.cut_after(99)
     board.write(**{"main_py.new": b"newer", "a__x_py": b"x", "a__y_py": b"y"})
     board.run(snippets.SWAP.format(swap=["main.py"], new=".new", forget=["/a/x.py"], folders=["/a", "/gone"]))

@@ -45,7 +45,7 @@ def test_each_state_of_the_lines_has_its_verdict_and_each_failure_a_remedy(
         (0x6B, 0x69, "0x6B answers 0x69: LSM6DS33, LSM6DS3 or LSM6DS3H (same identity)"),
         (0x1E, 0x3D, "0x1E answers 0x3D: LIS3MDL"),
         (0x68, 0x68, "0x68 answers 0x68: MPU-6050"),
-        # The value alone does not name a chip: 0x68 is that of an MPU-6050 in its own register only.
+        # The value alone does not identify a chip: 0x68 is that of an MPU-6050 only in its own register.
         (0x6B, 0x68, "0x6B answers 0x68: an unknown chip"),
         (0x50, -1, "0x50: a chip without a known identity register"),
     ],
@@ -55,7 +55,7 @@ def test_a_device_is_named_by_its_register_and_value(address: int, identity: int
 
 
 def test_the_test_code_is_valid_and_its_last_line_is_the_state() -> None:
-    """A board prints what its program printed before, too."""
+    """The output of a board may also contain what its program printed before."""
     programs: list[str] = []
 
     def run(code: str) -> str:

@@ -24,7 +24,7 @@ def _rows(count: int, **values: np.ndarray) -> ChannelRows:
 def test_yaw_is_that_of_the_rotation_whatever_roll_and_pitch_and_has_no_jumps(
     steps: list[float], pitch: float, roll: float
 ) -> None:
-    """Against the matrix of SciPy: the direction of the x axis, seen from above."""
+    """Compared with SciPy's rotation matrix: the direction of the x axis, seen from above."""
     yaw = np.cumsum(steps)
     rotation = Rotation.from_euler("ZYX", np.column_stack([yaw, np.full((len(yaw), 2), (pitch, roll))]))
     computed = yaw_of_quaternions(rotation.as_quat())
@@ -61,7 +61,7 @@ def test_rows_without_a_fix_are_omitted_and_sigma_is_the_horizontal_one() -> Non
     rows, columns = gnss_columns(_fixes())
     assert rows.sequence.tolist() == [0, 3]
     assert columns["latitude_deg"].tolist() == [48.0, 48.3]
-    # Root of the mean of the variances east and north; the vertical one has no part in it.
+    # Root mean square of the variances east and north; the vertical one does not count.
     assert columns["sigma"] == pytest.approx(np.sqrt([2.0, 2.0]))
 
 

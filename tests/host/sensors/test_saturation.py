@@ -34,7 +34,7 @@ def test_a_pile_of_samples_at_an_end_is_saturation(sign):
 
 @pytest.mark.parametrize("lsb", [0.02, 0.05, 0.1, 0.3, 1.0])
 def test_no_resolution_is_saturation_by_itself(lsb):
-    """Normal noise of 0.2 deg/s in steps of a tenth to five sigma, seeds 0 to 49."""
+    """Normal noise of 0.2 deg/s with steps of a tenth to five sigma, seeds 0 to 49."""
     assert all(saturated_value(np.round(noise(seed) / (lsb * DEG)) * lsb * DEG) is None for seed in range(50))
 
 

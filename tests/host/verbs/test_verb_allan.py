@@ -1,4 +1,4 @@
-"""`hubodo allan` on records of the world: knocked, in another unit, several at once, beside a data sheet."""
+"""`hubodo allan` on real-world records: disturbed, in another unit, several at once, beside a data sheet."""
 
 import json
 import re
@@ -64,7 +64,7 @@ def test_a_knock_and_a_rotation_are_cut_out_reported_and_do_not_change_the_noise
     short_times = [index for index, tau in enumerate(result["tau"]) if tau < 20.0]
     for index in short_times:
         assert result["adev"][index] == pytest.approx(expected["adev"][index], rel=0.06), result["tau"][index]
-    # Without cutting, knock and rotation dominate the noise.
+    # Without removing them, the knock and the rotation dominate the noise.
     plain = run("allan", log, *options, "--as-is", capsys=capsys)
     assert max(plain["adev"][8:]) > 5.0 * max(result["adev"][8:])
     disturbed[10_000:30_000] += rng.normal(0.0, 0.02, 20_000)

@@ -151,7 +151,7 @@ def test_a_wheel_that_never_rolls_is_named(folder, parts):
     assert "left: the wheel turned only 0.0" in result.warnings
     assert result.json["truth"]["final_error"] < max(3.0 * result.sigma, 0.01)
     scale = result.json["nodes"]["left"]["gyro_scale_factor"]["z"]
-    # Turns show what the axes have in common, 1 %; the 0.7 % of the axis itself stay unknown.
+    # Turns determine the common scale error of the axes, 1 %; the 0.7 % of the axis itself stay unknown.
     assert 0.007 < scale["sigma"] < 0.0125
 
 

@@ -1,4 +1,4 @@
-"""`hubodo info`: measured rates, gaps with what explains them, health, versions, damage."""
+"""`hubodo info`: measured rates, gaps with their causes, health, versions, damage."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`hubodo node` against a fake node and the real firmware: what it is, settings, bias, restart, refusals."""
+"""`hubodo node` against a fake node and the real firmware: identity, settings, bias, restart, refusals."""
 
 import json
 import math
@@ -107,7 +107,7 @@ def test_a_bias_initialisation_is_requested_with_kind_and_number_of_samples(caps
 
 
 class PromptNode(FakeNode):
-    """A node that sends Hello right after its answer, as a host that reads late sees it."""
+    """A node that sends Hello right after its answer, as seen by a host that reads late."""
 
     def _answer(self, frame, message):
         super()._answer(frame, message)

@@ -92,7 +92,8 @@ def test_two_axes_of_a_node_are_fused_with_y_a_quarter_turn_on(tmp_path, capsys)
     azimuth = 120.0
     run = stops(5, azimuth)
     other = stops(6, azimuth)
-    # The y axis looks a quarter turn anticlockwise: what x would feel with table zero 90 degrees less.
+    # The y axis points a quarter turn anticlockwise: x would measure the same with table zero 90 degrees
+    # less.
     left = stops(6, azimuth - 90.0)
     path = folder(tmp_path / "log", run, y=left.rate)
     status, both = north(capsys, path, "--axis", "x", "--axis", "y", "--method", "maytag4")
@@ -131,13 +132,13 @@ def test_a_log_without_a_table_finds_its_stops_and_says_so(tmp_path, capsys):
     assert abs(result["azimuth_deg"] - azimuth) < 4 * result["sigma_deg"]
     assert result["sigma_deg"] >= 0.9 * known["sigma_deg"]
     assert result["gyros"][0]["angle_sigma_deg"] > 0.1 > known["gyros"][0]["angle_sigma_deg"]
-    # The same where table.csv is to be passed over, and exact angles where the table has steps.
+    # The same result if table.csv is to be ignored, and exact angles if the table has steps.
     status, stepped = north(capsys, with_table, "--method", "maytag4", "--find-stops", "--step-deg", "90")
     assert status == 0 and stepped["gyros"][0]["angle_sigma_deg"] == 0.0
 
 
 def test_the_whole_calibration_is_applied_and_reported(tmp_path, capsys):
-    """Bias, scale, what follows temperature, age and force: a log with all of them ends as one without."""
+    """A log with errors of bias, scale, temperature, age and force gives the same result as one without."""
     rng = np.random.default_rng(11)
     run = stops(9, 250.0)
     clean = folder(tmp_path / "clean", run)
@@ -238,7 +239,7 @@ def test_a_plan_says_which_stops_reach_a_sigma_and_they_do(tmp_path, capsys):
         result = find_north([AxisRecord(run.t, run.rate, motion)], latitude, "maytag4", settle=0.1)
         z.append(np.degrees(float(wrap_angle(result.azimuth - 1.0 - seed))) / wanted["sigma_deg"])
     print(np.round(z, 2))
-    # rms of 12 values scatters by 20 %.
+    # The rms of 12 values scatters by 20 %.
     assert 0.4 < np.sqrt(np.mean(np.square(z))) < 1.6
 
 
@@ -268,5 +269,5 @@ def test_a_real_gyro_on_a_simulated_table_finds_north_within_its_sigma(capsys):
     result = json.loads(capsys.readouterr().out)
     print(f"\nreal noise: {result['error_deg']:+.1f} degrees off, sigma {result['sigma_deg']:.1f}")
     assert abs(result["error_deg"]) < 3.5 * result["sigma_deg"]
-    # The gyro's white noise alone sets the least sigma; drift comes on top.
+    # The white noise of the gyro alone is the lower bound of sigma; drift adds to it.
     assert result["sigma_deg"] > 0.9 * result["gyros"][0]["white_noise_bound_deg"]

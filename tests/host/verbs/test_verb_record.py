@@ -1,4 +1,4 @@
-"""`hubodo record` against fake nodes: what came is in the log, what did not is explained."""
+"""`hubodo record` against fake nodes: received data is in the log, missing data is explained."""
 
 import contextlib
 import gc

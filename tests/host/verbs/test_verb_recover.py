@@ -1,4 +1,4 @@
-"""`hubodo recover` as a user meets it."""
+"""`hubodo recover` as a user runs it."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`hubodo service` and `hubodo config`: files in their places, as the tools that read them want them."""
+"""`hubodo service` and `hubodo config`: files in their places, as required by the tools that read them."""
 
 import dataclasses
 import json

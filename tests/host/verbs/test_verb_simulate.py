@@ -1,4 +1,4 @@
-"""`hubodo simulate`: what is drawn is what the model says, and other verbs find what was put in."""
+"""`hubodo simulate`: the drawn values are those of the model, and other verbs identify the hidden effects."""
 
 import json
 import math

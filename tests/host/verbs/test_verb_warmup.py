@@ -1,4 +1,4 @@
-"""`hubodo allan` and `hubodo warmup`: forms for programs, files for people, refusals in one line."""
+"""`hubodo allan` and `hubodo warmup`: JSON for programs, files for people, refusals in one line."""
 
 import json
 import sys

@@ -15,8 +15,8 @@ from hubodo.earth import STANDARD_GRAVITY
 class KnownRate:
     """Rate magnitudes of a rolling wheel in M segments, for `PseudoMeasurementFilter.run`.
 
-    gyro: (M, 3) rad/s, weighted means. rate, sigma: (M,) rad/s, the mean magnitude with the same weights, and
-    its 1 sigma. share: the covariance of such a mean is `share` times that of a sample.
+    gyro: (M, 3) weighted means, rad/s. rate, sigma: (M,) mean magnitude with the same weights and its 1
+    sigma, rad/s. share: covariance of such a mean as a fraction of that of a sample.
     """
 
     gyro: Array
@@ -35,19 +35,21 @@ def rate_from_gravity(
     radius: float = 0.0,
     arm: complex = 0j,
 ) -> KnownRate:
-    """The wheel's own rate from gravity turning in (accel x, accel y), over stretches of `stretch` samples.
+    """Return the rate of a wheel from the rotation of gravity, in segments of `stretch` samples.
 
-    gyro, accel: (N, 3) rad/s and m/s^2, node axes, z along the axle; dt: s; phase_sigma: rad, 1 sigma of the
-    direction of one sample (vibration and accelerometer noise over g). radius: m, of the wheel; arm: m,
-    x + iy of the lever arm.
+    gyro, accel: (N, 3) rad/s and m/s², node axes, z along the axle; dt: s; phase_sigma: 1 sigma of the
+    direction of one sample, rad (vibration and accelerometer noise over g). radius: radius of the wheel, m;
+    arm: lever arm x + iy, m.
+
     With phi the angle about z and w its rate, x + iy of the force is (the model's README, either facing)
-        e^(-i phi) (g + i radius w') + (i w' - w^2) arm;
-    arm and radius are taken out with w of the gyro, for which a bias is nothing. Left at zero they stay in
-    the direction: radius w' / g for as long as the wheel accelerates, w^2 |arm| / g once per turn.
-    The slope of a line fitted to the unwrapped direction is the mean of the true rate with parabolic weights,
-    at any course of the speed; the gyro is averaged with the same. Across the axle the mean goes to zero with
-    whole turns. A stretch that turns less than once is left out. ValueError: stretch < 8, fewer samples than
-    that, or numbers of gyro and accel samples that differ.
+    e^(-i phi) (g + i radius w') + (i w' - w^2) arm; arm and radius are corrected with w of the gyro, whose
+    bias is negligible here. With arm and radius of zero the direction has errors of radius w' / g while the
+    wheel accelerates, and of w^2 |arm| / g once per turn.
+
+    The slope of a line fitted to the unwrapped direction is the mean of the true rate with parabolic weights
+    for any course of the speed; the gyro is averaged with the same weights. Across the axle the mean vanishes
+    over whole turns. A segment of less than one turn is omitted. Raises ValueError for stretch < 8, too few
+    samples, or different numbers of gyro and accel samples.
     """
     if stretch < 8 or len(gyro) < stretch or len(gyro) != len(accel):
         raise ValueError(f"stretches of {stretch} samples in {len(gyro)} gyro and {len(accel)} accel samples")
@@ -62,9 +64,9 @@ def rate_from_gravity(
     line = np.arange(stretch) - 0.5 * (stretch - 1)
     line /= (line @ line) * dt
     slope = phase @ line
-    # Sum of line_k phase_k = sum of weights_k (phase_k+1 - phase_k): summed by parts.
+    # Summation by parts: sum of line_k phase_k = sum of weights_k (phase_k+1 - phase_k).
     weights = -np.cumsum(line)[:-1] * dt
-    # A step of the phase is the mean of the rates at its two ends.
+    # A phase step is the mean of the rates at its two ends.
     at_samples = 0.5 * (np.append(weights, 0.0) + np.append(0.0, weights))
     means = np.einsum("msa,s->ma", gyro[: count * stretch].reshape(count, stretch, 3), at_samples)
     turned = np.abs(phase[:, -1]) > 2.0 * math.pi

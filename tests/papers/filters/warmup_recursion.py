@@ -9,10 +9,10 @@ from hubodo.effects.warmup import WarmupModel
 
 
 class BiasRecursion:
-    """The bias sample by sample, as a filter or a node keeps it: eq. (6) of the paper, started at any age.
+    """The bias sample by sample, as in a filter or a node: eq. (6) of the paper, started at any age.
 
     eps(k + 1) = T / (T + dt) eps(k) + dt / (T + dt) (C1 + C2), for each exponential; the temperature term is
-    added outside. age: seconds since power-on at the first sample.
+    added separately. age: time since power-on at the first sample, s.
     """
 
     def __init__(self, model: WarmupModel, dt: float, age: float = 0.0) -> None:
@@ -26,7 +26,7 @@ class BiasRecursion:
         ]
 
     def value(self, temperature: float | None = None) -> float:
-        """Bias of the present sample, rad/s. Raises ValueError where the temperature is needed and absent."""
+        """Return the present bias, rad/s. Raises ValueError if a required temperature is missing."""
         bias = self._base + sum(part[0] for part in self._parts)
         if self._coefficient:
             if temperature is None:

@@ -69,7 +69,7 @@ def test_its_table_has_the_supply_of_the_time_at_which_it_was_measured(rode):
     recording = read_recording(rode.path)
     left = recording.nodes["left"]
     after = left.t - (rode.half_ns - recording.t_zero_ns) / 1e9
-    # Reports arrive twice a second; the voltage is interpolated between them.
+    # Reports arrive twice per second; the voltage is interpolated between them.
     np.testing.assert_allclose(left["supply"][after < -1.1], 4.1, atol=1e-6)
     np.testing.assert_allclose(left["supply"][after > 1.1], 3.5, atol=1e-6)
     assert (after < -1.1).any() and (after > 1.1).any()
