@@ -122,7 +122,7 @@ def azimuth_oracle_of(averages, sensor, azimuth):
 
 
 def two_point(sensor, stop, stops, seeds):
-    """Return errors in % of Earth rate: nearest neighbour, ours, sigma, oracle, other filters; and the bound."""
+    """Return errors in % of Earth rate: nearest neighbour, ours, sigma, oracle, other filters; bound."""
     rows = []
     for seed in range(seeds):
         record = programme(sensor, seed, 0.0, TWO, stop, stops)
