@@ -45,7 +45,7 @@ class PseudoInit(BiasInitialiser):
     with its noise as sigma (from an initial error d it would need (d / s)^2 intervals to converge). On a
     table it starts at the present bias with `bias_sigma_udps`; an error d across the axis of rotation appears
     along it as d^2 / (2 |w|).
-    clock: a SampleClock, for its `period_ns`. settings: settings of the node.
+    clock: a SampleClock, for its `period_ns`. settings: those of the node.
     """
 
     def __init__(self, kind, settings, clock):
@@ -158,7 +158,7 @@ class PseudoInit(BiasInitialiser):
         return True
 
     def _doubt(self):
-        """Return the relative variance of the rate due to the scale and to the biases across the axis.
+        """Return the relative variance of the rate by scale and by biases across the axis.
 
         Biases of variance p across the axis of rotation lengthen |G| by their squares over twice the rate.
         """
