@@ -15,9 +15,9 @@ _N_AXES = const(3)
 class BiasInitialiser:
     """Initial bias of the estimators, with its origin.
 
-    bias_q14: bias at the time of the estimate, 2^-14 gyro steps; `now_q14` adds the warm-up since. samples:
-    number of samples used, 0 for a bias from the settings. refused: the Reason why the last attempt failed
-    (the previous bias stays), or 0. sigma_q12: 1 sigma of the bias, 2^-12 gyro steps, 0 if unknown.
+    bias_q14: bias when it was estimated, 2^-14 gyro steps; `now_q14` adds the warm-up since. samples: number
+    of samples used, 0 for a bias from the settings. refused: Reason of the last failure (the previous bias
+    stays), or 0. sigma_q12: 1 sigma of the bias, 2^-12 gyro steps, 0 if unknown.
     """
 
     def __init__(self):

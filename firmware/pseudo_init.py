@@ -45,7 +45,7 @@ class PseudoInit(BiasInitialiser):
     with its noise as sigma (from an initial error d it would need (d / s)^2 intervals to converge). On a
     table it starts at the present bias with `bias_sigma_udps`; an error d across the axis of rotation appears
     along it as d^2 / (2 |w|).
-    clock: a SampleClock, for its `period_ns`. settings: those of the node.
+    clock: a SampleClock, for its `period_ns`.
     """
 
     def __init__(self, kind, settings, clock):

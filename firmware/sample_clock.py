@@ -27,10 +27,10 @@ _BASELINE_US = const(2000000)
 
 
 class SampleClock:
-    """Estimates time and period of samples. t_us, index: time (amid its window) and number of the newest one.
+    """Estimates time and period of samples. t_us, index: time and number of the newest one.
 
-    period_ns: measured period. half_ns: half the window. locked: the window is known to an eighth of a period
-    and the period to 1 / 32.
+    period_ns: measured period. half_ns: half the window about t_us. locked: the window is known to an eighth
+    of a period and the period to 1 / 32.
     """
 
     def __init__(self):
