@@ -46,7 +46,7 @@ def open_chips(parts, board, too_fast):
     if imu is None:
         parts.faults |= FAULT_WRONG_WHO_AM_I if parts.chips else FAULT_IMU_MISSING
     else:
-        _open_imu(parts, board, imu, s["fifo"] or s["link"] == "udp" or too_fast)
+        _open_imu(parts, board, imu, s["fifo"] or s["link"] in ("udp", "ble") or too_fast)
     mag = search(i2c, MAG_DRIVERS, parts.chips)
     if mag is not None:
         driver, address, who_am_i = mag

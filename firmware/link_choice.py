@@ -6,6 +6,8 @@ import machine
 from micropython import const
 
 _UART_BUFFER = const(512)
+_PACKET_LINKS = (("udp", "wifi", "UdpLink"), ("ble", "ble", "BleLink"))
+"""(name in the settings, module, class) of the links that a key may seal."""
 
 
 def open_link(board):
@@ -18,14 +20,14 @@ def open_link(board):
         import radio
 
         return radio.open_link(board)
-    if kind == "udp":
-        if settings["key"]:
+    for name, module, its_class in _PACKET_LINKS:
+        if kind == name:
+            carrier = getattr(__import__(module), its_class)(settings)
+            if not settings["key"]:
+                return carrier
             import sealed
 
-            return sealed.SealedUdpLink(settings)
-        import wifi
-
-        return wifi.UdpLink(settings)
+            return sealed.SealedLink(carrier, settings["key"])
     if sys.platform == "esp32":
         import uart
 

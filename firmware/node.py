@@ -300,7 +300,8 @@ def _run(board, link):
         node: Any = receiver.Receiver(board, link)
     else:
         node = Node(board, link)
-        if board.settings.get("park_after_s") and board.settings["link"] != "udp" and sys.platform == "rp2":
+        sleeps = board.settings["link"] not in ("udp", "ble") and sys.platform == "rp2"
+        if sleeps and board.settings.get("park_after_s"):
             import parking
 
             node.slow = parking.Parking(node)

@@ -1,8 +1,8 @@
-"""UDP with a message authentication code on every datagram: without the key no samples, no requests.
+"""A message authentication code on every packet of a link: without the key no samples, no requests.
 
 A session begins with an opening of the node, 0xFE 0x21 nonce tag, which the host answers with 0xFD 0x22
 nonce challenge tag; the node proves its key with 0xFE 0x23 nonce challenge tag. The session key is derived
-from nonce and challenge, so that datagrams of earlier sessions are invalid. Then both send 0xFF session-id
+from nonce and challenge, so that packets of earlier sessions are invalid. Then both send 0xFF session-id
 counter frames tag, the host first. protocol/README.md has the bytes. Each tag allocates on the heap.
 """
 
@@ -11,9 +11,8 @@ import struct
 from hashlib import sha256
 from time import ticks_add, ticks_diff, ticks_ms
 
-from link import _write
 from micropython import const
-from wifi import UdpLink
+from packets import PacketLink
 
 _FROM_NODE = const(0xFE)
 _FROM_HOST = const(0xFD)
@@ -27,12 +26,15 @@ _TAG = const(8)
 _SEALED_HEADER_BYTES = const(9)
 _NONCES_END = const(26)
 _ANSWER_SIZE = const(34)
-_MAX_DATAGRAM = const(272)
+_MAX_PACKET = const(272)
+_SEAL_BYTES = const(17)
 _HMAC_BLOCK = const(64)
 _NODE_REPLAY_WINDOW = const(16)
 _MAX_COUNT = const(1 << 29)
-"""Datagrams per session; then a new session begins."""
+"""Packets per session; then a new session begins."""
 _REOPEN_MS = const(2500)
+_STRANGER_MS = const(12500)
+"""A connection without a valid packet for this time is ended, less the above for its first one."""
 
 
 TYPE_CHECKING = False
@@ -58,7 +60,7 @@ class Hmac:
 
 
 class Session:
-    """One session key, from nonce and challenge; datagrams are numbered, those of the host from 1."""
+    """One session key, from nonce and challenge; packets are numbered, those of the host from 1."""
 
     def __init__(self, key):
         self.hmac = Hmac(key)
@@ -71,7 +73,7 @@ class Session:
         return _same(tag, view, end) and self._fresh(struct.unpack_from("<I", view, 1 + _ID)[0])
 
     def _fresh(self, count):
-        """Return True when this number is new; datagrams may arrive out of order within the replay window."""
+        """Return True when this number is new; packets may arrive out of order within the replay window."""
         ahead = count - self._newest
         if ahead > 0:
             self._window = (
@@ -88,12 +90,14 @@ class Session:
         return True
 
 
-class SealedUdpLink(UdpLink):
-    """A link by sealed UDP; frames wait for a session, datagrams without a valid tag count as damaged."""
+class SealedLink(PacketLink):
+    """A sealed link over a carrier; frames wait for a session, invalid packets count as damaged."""
 
-    def __init__(self, settings):
+    def __init__(self, carrier, key):
+        super().__init__(_MAX_PACKET)
+        self._carrier = carrier
         try:
-            key = bytes.fromhex(settings["key"])
+            key = bytes.fromhex(key)
         except ValueError:
             # A random key: better silent than unprotected where a key was intended.
             key = _random() * 4
@@ -102,32 +106,62 @@ class SealedUdpLink(UdpLink):
         self._next: Any = None
         """Session proven to the host but not used by it yet; until then the previous one stays valid."""
         self._opening: Any = None
-        self._out = bytearray(_MAX_DATAGRAM)
+        self._out = bytearray(_MAX_PACKET)
         self._out_view = memoryview(self._out)
-        self._received_ms = ticks_add(ticks_ms(), -_REOPEN_MS)
-        super().__init__(settings)
-        self._raw = bytearray(_MAX_DATAGRAM)
         self._raw_view = memoryview(self._raw)
+        self._connections = carrier.connections
+        self._expire()
+
+    def _expire(self):
+        """Make a new session due."""
+        self._received_ms = ticks_add(ticks_ms(), -_REOPEN_MS)
+
+    def _has_session(self):
+        """Return True if there is a session of the present connection."""
+        if self._connections != self._carrier.connections:
+            self._connections = self._carrier.connections
+            self._session = self._next = self._opening = None
+            self._expire()
+        return self._session is not None
 
     def step(self):
-        super().step()
-        if self._socket is not None and ticks_diff(ticks_ms(), self._received_ms) >= _REOPEN_MS:
+        carrier = self._carrier
+        carrier.step()
+        self._has_session()
+        if not carrier.is_open():
+            self._expire()
+            return
+        silent_ms = ticks_diff(ticks_ms(), self._received_ms)
+        if silent_ms >= _STRANGER_MS:
+            carrier.drop()
+            self._expire()
+        elif silent_ms >= _REOPEN_MS:
             if self._opening is None:
                 nonce = _random()
                 tag = self._hmac.digest(b"opening", nonce)[:_TAG]
                 self._opening = bytes((_FROM_NODE, _OPENING)) + nonce + tag
-            self._send_packet(self._opening)
+            # Repeated in a second, also where the carrier does not accept it.
+            carrier.send_packet(self._opening, 0, len(self._opening))
 
-    def _send_packet(self, packet):
-        try:
-            _write(self._socket, packet, 0, len(packet))
-        except OSError:
-            # Repeated in a second.
-            pass
+    def close(self):
+        self._carrier.close()
+
+    def is_open(self):
+        return self._has_session() and self._carrier.is_open()
 
     def _accept(self, raw, at, size):
+        if not self._has_session():
+            if self._opening is None and self._carrier.is_open():
+                # At once, without waiting for the next second.
+                self.step()
+            return 0
+        if not self._carrier.can_send():
+            return 0
         session = self._session
-        if session is None:
+        room = self._carrier.packet_bytes - _SEAL_BYTES
+        if size > room:
+            size = room
+        if size <= 0:
             return 0
         out = self._out
         out[0] = _DATA
@@ -136,17 +170,20 @@ class SealedUdpLink(UdpLink):
         end = _SEALED_HEADER_BYTES + size
         self._out_view[_SEALED_HEADER_BYTES:end] = memoryview(raw)[at : at + size]
         out[end : end + _TAG] = session.hmac.digest(b"n", self._out_view[1 + _ID : end])[:_TAG]
-        if not super()._accept(out, 0, end + _TAG):
+        if not self._carrier.send_packet(out, 0, end + _TAG):
             return 0
         session.count += 1
         if session.count >= _MAX_COUNT:
             self._session = None
-            self._received_ms = ticks_add(ticks_ms(), -_REOPEN_MS)
+            self._expire()
         return size
 
-    def _received(self, size):
-        """Return (start, end) of the frames in the datagram in `_raw`."""
-        kind = self._raw[0]
+    def receive_packet(self, raw):
+        """Receive a packet into `_raw`; set `_at` to the start of its frames and return their end."""
+        size = self._carrier.receive_packet(raw)
+        if not size:
+            return 0
+        kind = raw[0]
         if kind == _DATA and size >= _SEALED_HEADER_BYTES + _TAG:
             session = self._named_session()
             if session is not None and session.authenticates(self._raw_view, size - _TAG):
@@ -154,14 +191,15 @@ class SealedUdpLink(UdpLink):
                 if session is self._next:
                     self._session = session
                     self._next = self._opening = None
-                return _SEALED_HEADER_BYTES, size - _TAG
+                self._at = _SEALED_HEADER_BYTES
+                return size - _TAG
         elif kind == _FROM_HOST and size == _ANSWER_SIZE and self._handle_answer():
-            return 0, 0
+            return 0
         self.reader.damaged += 1
-        return 0, 0
+        return 0
 
     def _named_session(self):
-        """Return the session that the datagram in `_raw` names, or None."""
+        """Return the session that the packet in `_raw` names, or None."""
         ident = bytes(self._raw_view[1 : 1 + _ID])
         if self._next is not None and ident == self._next.id:
             return self._next
@@ -180,7 +218,8 @@ class SealedUdpLink(UdpLink):
         if not _same(self._hmac.digest(b"answer", nonces), view, _NONCES_END):
             return False
         self._next = Session(self._hmac.digest(b"session", nonces))
-        self._send_packet(bytes((_FROM_NODE, _PROOF)) + nonces + self._next.hmac.digest(b"proof")[:_TAG])
+        proof = bytes((_FROM_NODE, _PROOF)) + nonces + self._next.hmac.digest(b"proof")[:_TAG]
+        self._carrier.send_packet(proof, 0, len(proof))
         return True
 
 

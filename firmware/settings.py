@@ -25,7 +25,7 @@ PATH = "/config.json"
 
 DEFAULTS = {
     "node_id": 1,
-    "link": "usb",  # usb, uart, udp, nrf24 or espnow
+    "link": "usb",  # usb, uart, udp, ble, nrf24 or espnow
     "rate_hz": 416,
     "gyro_range_dps": 2000,
     "accel_range_g": 16,
@@ -59,7 +59,7 @@ DEFAULTS = {
     "password": "",
     "host": "",
     "port": 47110,
-    "key": "",  # key of authenticated UDP, 64 hexadecimal digits
+    "key": "",  # key of authenticated UDP or BLE, 64 hexadecimal digits
     "pins": {},
 }
 

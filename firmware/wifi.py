@@ -8,11 +8,13 @@ import socket
 from time import ticks_add, ticks_diff, ticks_ms
 
 import network
-from link import Link, _write
+from link import _write
 from micropython import const
 from name import Name
+from packets import PacketLink
 
-_WHOLE = const(256)
+_MAX_DATAGRAM = const(272)
+"""Bytes of the largest frame and of its seal."""
 _JOIN_MS = const(15000)
 _PAUSE_MS = const(1000)
 _LONGEST_PAUSE_MS = const(30000)
@@ -73,19 +75,19 @@ class Station:
             pass
 
 
-class UdpLink(Link):
+class UdpLink(PacketLink):
     """A link by UDP; frames wait without network or host. `step` must be called every second."""
 
+    packet_bytes = _MAX_DATAGRAM
+
     def __init__(self, settings):
-        super().__init__()
+        super().__init__(_MAX_DATAGRAM)
         wlan = network.WLAN(network.STA_IF)
         wlan.active(True)
         self._station = Station(wlan, settings["ssid"], settings["password"])
         self._name = Name(wlan, settings["host"])
         self._port = settings["port"]
         self._socket = self._address = None
-        self._raw = bytearray(_WHOLE)
-        self._at = self._end = 0
         self._failing = False
         self._failing_ms = self._retry_ms = self._known_ms = ticks_ms()
         self.step()
@@ -128,7 +130,10 @@ class UdpLink(Link):
             # Out of memory, or the network is gone: repeated in a second.
             pass
 
-    def _accept(self, raw, at, size):
+    def is_open(self):
+        return self._socket is not None
+
+    def send_packet(self, raw, at, size):
         if self._socket is None or (self._failing and ticks_diff(ticks_ms(), self._retry_ms) < 0):
             return 0
         try:
@@ -143,24 +148,13 @@ class UdpLink(Link):
                 self._failing_ms = ticks_ms()
             return 0
 
-    def _byte(self):
-        if self._at == self._end:
-            self._at = self._end = 0
-            if self._socket is None:
-                return -1
-            try:
-                size = self._socket.readinto(self._raw) or 0
-            except OSError:
-                return -1
-            if size:
-                self._at, self._end = self._received(size)
-            if self._at == self._end:
-                return -1
+    def receive_packet(self, raw):
+        if self._socket is None:
+            return 0
+        try:
+            size = self._socket.readinto(raw) or 0
+        except OSError:
+            return 0
+        if size:
             self._known_ms = ticks_ms()
-        byte = self._raw[self._at]
-        self._at += 1
-        return byte
-
-    def _received(self, size):
-        """Return (start, end) of the frames in the datagram of `size` bytes in `_raw`."""
-        return 0, size
+        return size

@@ -40,7 +40,7 @@ print("end")
 
 def main() -> None:
     source = (firmware_folder() / "sealed.py").read_text()
-    hmac = source[source.index("class Hmac:") : source.index("class SealedUdpLink")]
+    hmac = source[source.index("class Hmac:") : source.index("class SealedLink")]
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "main.py").write_text(PROGRAM.format(hmac=hmac))
         node = VirtualNode(

@@ -38,7 +38,7 @@ result = [binascii.hexlify(Hmac(key).digest(data[:3], data[3:])).decode() for ke
 """
 
 SESSION = """
-import sealed, binascii
+import sealed, wifi, binascii
 class Pipe(Sink):
     sent, coming = [], []
     def write(self, raw, at=0, size=0):
@@ -52,8 +52,8 @@ class Pipe(Sink):
         return len(data)
 socket.socket = lambda family, kind: Pipe()
 sealed._random = lambda: bytes(range(8))
-settings = {{"ssid": "a", "password": "b", "host": "10.0.0.7", "port": 47110, "key": "{key}"}}
-port = sealed.SealedUdpLink(settings)
+settings = {{"ssid": "a", "password": "b", "host": "10.0.0.7", "port": 47110}}
+port = sealed.SealedLink(wifi.UdpLink(settings), "{key}")
 box = outbox.Outbox(4, 1)
 box.post(2, 200)
 port.send(box)

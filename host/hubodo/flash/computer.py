@@ -85,6 +85,20 @@ class HostComputer:
         commands = {self._command(process) for process in self._processes()}
         return next((name for name in names if name in commands), None)
 
+    def bluetooth_adapters(self) -> dict[str, bool]:
+        """Return the Bluetooth adapters that Linux lists, each with True if it is blocked (rfkill)."""
+        adapters = {}
+        for folder in sorted((self.root / "sys/class/bluetooth").glob("hci[0-9]*")):
+            if ":" in folder.name:  # a connection
+                continue
+            switches = [*folder.glob("rfkill*/soft"), *folder.glob("rfkill*/hard")]
+            adapters[folder.name] = any(switch.read_text().strip() == "1" for switch in switches)
+        return adapters
+
+    def has_package(self, name: str) -> bool:
+        """Return True if a Python package is installed."""
+        return find_spec(name) is not None
+
     def serial_group(self, device: str | None) -> tuple[str, bool, bool]:
         """Return the group for serial ports, and whether this user and this session belong to it."""
         import grp

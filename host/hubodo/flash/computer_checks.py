@@ -1,4 +1,4 @@
-"""Checks of this computer: packages, permissions, clock, disk, ports and the boards on them."""
+"""Checks of this computer: packages, permissions, Bluetooth, clock, disk, ports and the boards on them."""
 
 from __future__ import annotations
 
@@ -73,6 +73,7 @@ def check_computer(computer: HostComputer, receive: Receive = listen_briefly) ->
     findings = [ComputerCheck("system", "ok", system), *_packages(computer)]
     if computer.is_linux:
         findings += [_permissions(computer, usb), *_interfering_programs(computer)]
+    findings += _bluetooth(computer)
     findings += [
         _clock(computer, time.time()),
         _disk(computer),
@@ -137,6 +138,36 @@ def _interfering_programs(computer: HostComputer) -> Iterator[ComputerCheck]:
         )
     if computer.find_running("brltty") is not None:
         yield ComputerCheck("brltty", "warn", "claims converters with CH340", "sudo apt remove brltty")
+
+
+def _bluetooth(computer: HostComputer) -> Iterator[ComputerCheck]:
+    """Check adapter, service and rights for nodes by Bluetooth; nothing for who uses neither."""
+    installed = computer.has_package("bleak")
+    if not computer.is_linux:
+        if installed:
+            rights = "allow this terminal to use Bluetooth in the system's privacy settings, once"
+            yield ComputerCheck("Bluetooth", "ok", f"bleak is installed; {rights}")
+        return
+    adapters = computer.bluetooth_adapters()
+    blocked = [name for name, is_blocked in adapters.items() if is_blocked]
+    if not adapters:
+        if installed:
+            remedy = "plug in an adapter, or load its driver: dmesg | grep -i bluetooth"
+            yield ComputerCheck("Bluetooth", "warn", "bleak is installed, but there is no adapter", remedy)
+    elif not installed:
+        yield ComputerCheck(
+            "Bluetooth", "ok", f"{', '.join(adapters)}; nodes by Bluetooth need pip install 'hubodo[ble]'"
+        )
+    elif len(blocked) == len(adapters):
+        yield ComputerCheck("Bluetooth", "warn", f"{', '.join(blocked)}: blocked", "rfkill unblock bluetooth")
+    elif computer.find_running("bluetoothd") is None:
+        remedy = "sudo apt install bluez; sudo systemctl enable --now bluetooth"
+        yield ComputerCheck("Bluetooth", "warn", "BlueZ (bluetoothd) is not running", remedy)
+    elif not computer.is_accessible(str(computer.root / "run/dbus/system_bus_socket")):
+        remedy = "sudo usermod -aG bluetooth $USER, log in again; in a container share /run/dbus"
+        yield ComputerCheck("Bluetooth", "warn", "no permission for the system bus of BlueZ", remedy)
+    else:
+        yield ComputerCheck("Bluetooth", "ok", f"{', '.join(adapters)}, BlueZ is running")
 
 
 def _clock(computer: HostComputer, now: float) -> ComputerCheck:

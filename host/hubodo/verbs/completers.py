@@ -103,7 +103,7 @@ def _ports(prefix: str, **_more: object) -> list[str]:
     ports: list[str] = []
     for info in list_devices():
         ports += [info.device] + ([info.serial_number] if info.serial_number else [])
-    ports += ["udp://0.0.0.0:", "socket://"]
+    ports += ["udp://0.0.0.0:", "ble://hubodo-", "socket://"]
     names = [] if equals else [f"{side}=" for side in NODE_IDS]
     return [*names, *(f"{before}{equals}{port}" for port in ports)]
 

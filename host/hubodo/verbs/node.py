@@ -18,8 +18,8 @@ from hubodo.ingest.node.conversation import Conversation
 from hubodo.ingest.node.identity import code_name, hello_metadata
 from hubodo.ingest.node.wire_batch import RAD_PER_NANO_DEG
 from hubodo.terminal import SafeConsole
+from hubodo.verbs.key_options import add_key_arguments, insecure_kinds
 from hubodo.verbs.numbers import baud_rate, bounded_integer
-from hubodo.verbs.udp_options import add_udp_arguments
 from hubowire import node_name
 from hubowire.budget import UART_BAUD
 from hubowire.messages import (
@@ -123,7 +123,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "port",
         metavar="PORT",
-        help="/dev/..., USB serial number, socket://HOST:PORT (connect) or udp://HOST:PORT (listen)",
+        help="/dev/..., USB serial number, socket://HOST:PORT (connect) or udp://HOST:PORT (listen) or ble://NAME",
     )
     parser.add_argument(
         "action",
@@ -159,7 +159,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=_MIN_BIAS_SAMPLES,
         help=f"with bias: number of samples, at least {_MIN_BIAS_SAMPLES} (default {_MIN_BIAS_SAMPLES})",
     )
-    add_udp_arguments(parser)
+    add_key_arguments(parser)
     parser.add_argument(
         "--repl", action="store_true", help="with reboot: restart into the MicroPython prompt"
     )
@@ -183,7 +183,7 @@ def run(args: argparse.Namespace) -> NodeResult:
         If the node does not answer.
     """
     requested = _requested_settings(args)
-    port = attach_keys(parse_port(args.port), args.key_file, insecure=args.insecure_udp)
+    port = attach_keys(parse_port(args.port), args.key_file, insecure=insecure_kinds(args))
     with Conversation(port, args.baud, args.node_id) as node:
         with SafeConsole(stderr=True).status(f"{args.port}: waiting for the node") as status:
             identification = node.identify()

@@ -13,9 +13,9 @@ from hubodo.ingest.live.record_config import RecordConfig, check_record_config, 
 from hubodo.listening.descriptors import raise_descriptor_limit
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.effect_options import add_effects_option, register_effects
+from hubodo.verbs.key_options import add_key_arguments, key_settings
 from hubodo.verbs.ros2_options import add_ros2_arguments, ros2_config
 from hubodo.verbs.setting_options import add_setting_option, setting_help
-from hubodo.verbs.udp_options import add_udp_arguments, udp_settings
 from hubodo.verbs.watch_gap import run_gap_watch
 from hubodo.verbs.web_options import add_web_arguments, live_views
 from hubodo.version import __version__
@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         add_setting_option(parser, RecordConfig, name)
     add_web_arguments(parser)
     add_ros2_arguments(parser)
-    add_udp_arguments(parser)
+    add_key_arguments(parser)
     for name in _LOG_OPTIONS:
         add_setting_option(parser, RecordConfig, name)
     parser.add_argument(
@@ -127,7 +127,7 @@ def _options(args: argparse.Namespace) -> dict[str, Any]:
     """Return the settings given on the command line; an option has the name of its setting."""
     names = {item.name for item in fields(RecordConfig)} - {"output", "vehicle", "calibration"}
     given = {name: getattr(args, name, None) for name in names}
-    given |= {"ports": tuple(args.ports) or None, **udp_settings(args)}
+    given |= {"ports": tuple(args.ports) or None, **key_settings(args)}
     return {name: value for name, value in given.items() if value is not None and value is not False}
 
 

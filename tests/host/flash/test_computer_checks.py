@@ -42,6 +42,10 @@ class FakeComputer(HostComputer):
     clock_synchronised: bool | None = True
     free: int = 50_000_000_000
     missing: dict = field(default_factory=dict)
+    packages: tuple = ()
+
+    def has_package(self, name):
+        return name in self.packages
 
     def serial_group(self, device):
         return self.group_membership
@@ -234,3 +238,31 @@ def test_running_nodes_are_found_with_their_firmware_and_problems_give_exit_code
                 assert "node 'right', firmware" in checks[f"board on {right.path}"]["seen"]
             else:
                 assert re.search("bad +disk", done.out) and "→ free disk space" in done.out
+
+
+def bluetooth_of(tmp_path, **facts):
+    """Return the verdict and text of the finding about Bluetooth; None without one."""
+    rows = findings_of(tmp_path, **facts).get("Bluetooth")
+    return None if rows is None else (rows[0].verdict, f"{rows[0].observation} {rows[0].remedy}")
+
+
+def test_bluetooth_is_checked_from_the_package_to_the_adapter_the_service_and_the_rights(tmp_path):
+    assert bluetooth_of(tmp_path) is None, "nobody asked for it"
+    verdict, text = bluetooth_of(tmp_path, packages=("bleak",))
+    assert verdict == "warn" and "no adapter" in text
+    switch = tmp_path / "sys/class/bluetooth/hci0/rfkill1/soft"
+    switch.parent.mkdir(parents=True)
+    (tmp_path / "sys/class/bluetooth/hci0:64").mkdir()
+    switch.write_text("1\n")
+    verdict, text = bluetooth_of(tmp_path)
+    assert verdict == "ok" and "hci0; " in text and "hubodo[ble]" in text
+    verdict, text = bluetooth_of(tmp_path, packages=("bleak",))
+    assert verdict == "warn" and "rfkill unblock" in text
+    switch.write_text("0\n")
+    verdict, text = bluetooth_of(tmp_path, packages=("bleak",))
+    assert verdict == "warn" and "bluetoothd" in text
+    add_process(tmp_path, 311, "bluetoothd")
+    bus = str(tmp_path / "run/dbus/system_bus_socket")
+    verdict, text = bluetooth_of(tmp_path, packages=("bleak",), forbidden=(bus,))
+    assert verdict == "warn" and "usermod -aG bluetooth" in text
+    assert bluetooth_of(tmp_path, packages=("bleak",)) == ("ok", "hci0, BlueZ is running ")

@@ -235,6 +235,8 @@ RUNS: tuple[Run, ...] = (
     Run("node {port} bias --kind rest --samples 2001"),
     Run("node {port} reboot --repl"),
     Run("node udp://127.0.0.1:0 info --key-file missing --insecure-udp", 2, "missing"),
+    Run("record ble://hubodo-1 -o out-{n}.mcap --duration 1 --key-file missing --insecure-ble", 2, "missing"),
+    Run("node ble://hubodo-1 info --key-file missing --insecure-ble", 2, "missing"),
 )
 
 

@@ -88,6 +88,6 @@ def test_ports_are_devices_serial_numbers_and_schemes_behind_a_name(monkeypatch:
         argparse.Namespace(device="/dev/ttyS0", serial_number=None),
     ]
     monkeypatch.setattr(completers, "list_devices", lambda: ports)
-    offered = ["/dev/ttyACM0", "e661", "/dev/ttyS0", "udp://0.0.0.0:", "socket://"]
-    assert _ports("")[-5:] == offered and "left=" in _ports("")
+    offered = ["/dev/ttyACM0", "e661", "/dev/ttyS0", "udp://0.0.0.0:", "ble://hubodo-", "socket://"]
+    assert _ports("")[-6:] == offered and "left=" in _ports("")
     assert _ports("left=/d") == [f"left={port}" for port in offered]

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from hubodo.verbs.udp_options import add_udp_arguments, udp_settings
+from hubodo.verbs.key_options import add_key_arguments, key_settings
 from hubodo.verbs.web_options import add_web_arguments, live_views, web_config
 
 
@@ -14,7 +14,7 @@ def _parse(*words: str) -> argparse.Namespace:
     parser.add_argument("--config", type=Path)
     parser.add_argument("--vehicle", type=Path)
     add_web_arguments(parser)
-    add_udp_arguments(parser)
+    add_key_arguments(parser)
     return parser.parse_args(words)
 
 
@@ -47,7 +47,7 @@ def test_without_page_and_foxglove_there_is_no_audience(tmp_path: Path) -> None:
             assert audience is None
 
 
-def test_udp_settings_are_none_where_nothing_is_given_so_that_the_file_counts() -> None:
-    assert udp_settings(_parse()) == {"key_file": None, "insecure_udp": None}
-    settings = udp_settings(_parse("--key-file", "keys.toml", "--insecure-udp"))
-    assert settings == {"key_file": "keys.toml", "insecure_udp": True}
+def test_key_settings_are_none_where_nothing_is_given_so_that_the_file_counts() -> None:
+    assert key_settings(_parse()) == {"key_file": None, "insecure_udp": None, "insecure_ble": None}
+    settings = key_settings(_parse("--key-file", "keys.toml", "--insecure-udp"))
+    assert settings == {"key_file": "keys.toml", "insecure_udp": True, "insecure_ble": None}

@@ -104,6 +104,8 @@ class Op(IntEnum):
     """[unit; bytes] returns the bytes received meanwhile."""
     ESPNOW = 32
     """[-; u8 call, arguments] ESP-NOW call, see `chips.espnow`."""
+    BLE = 34
+    """[-; u8 call, arguments] Bluetooth call, see `chips.ble_peripheral`."""
     LIGHT_SLEEP = 33
     """[pin + 1, 0: none; u32 ms] Sleep until a rising edge of the pin: status 1; or for that time: 0."""
 

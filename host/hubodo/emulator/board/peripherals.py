@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from hubodo.emulator.board.bus import I2cBus, Pins
-from hubodo.emulator.board.hypercall import Deferred, Handler, Op, Reply
+from hubodo.emulator.board.hypercall import ENODEV, Deferred, Handler, Op, Reply
 from hubodo.emulator.board.models import RADIO_SELECT_PIN, BoardModel
 from hubodo.units import NS_PER_S
 
@@ -26,13 +26,15 @@ _DIVIDER_OFF_V = 0.0306
 
 
 class RadioPins(Protocol):
-    """Radio on SPI and pins, and ESP-NOW; `t` in ns."""
+    """Radio on SPI and pins, ESP-NOW and Bluetooth; `t` in ns."""
 
     def set_pin(self, t: float, number: int, level: int) -> None: ...
 
     def transfer(self, t: float, data: bytes) -> bytes: ...
 
     def call_espnow(self, t: float, request: bytes) -> tuple[int, bytes]: ...
+
+    def call_bluetooth(self, t: float, request: bytes) -> tuple[int, bytes]: ...
 
     def reset(self) -> None: ...
 
@@ -83,6 +85,7 @@ class Peripherals:
             Op.ADC_READ: self._adc_read,
             Op.SPI: self._spi_transfer,
             Op.ESPNOW: self._espnow,
+            Op.BLE: self._bluetooth,
             Op.LIGHT_SLEEP: self._light_sleep,
         }
 
@@ -132,6 +135,10 @@ class Peripherals:
 
     def _espnow(self, argument: int, payload: bytes, t: float) -> Reply:
         status, answer = (0, b"") if self._radio is None else self._radio.call_espnow(t, payload)
+        return Reply(t, status, answer)
+
+    def _bluetooth(self, argument: int, payload: bytes, t: float) -> Reply:
+        status, answer = (-ENODEV, b"") if self._radio is None else self._radio.call_bluetooth(t, payload)
         return Reply(t, status, answer)
 
     def _pin_get(self, argument: int, payload: bytes, t: float) -> Reply:

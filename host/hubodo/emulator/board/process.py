@@ -17,6 +17,7 @@ from typing import Any
 from hubodo.emulator.board.board import VirtualBoard
 from hubodo.emulator.board.hypercall import Op
 from hubodo.emulator.board.link import HostLink, LineNoise, MemoryLink, PtyLink
+from hubodo.emulator.board.models import MODELS
 from hubodo.emulator.board.radio import RadioModule
 from hubodo.emulator.board.radio_medium import RadioMedium
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host, SensorBoard
@@ -73,7 +74,11 @@ def build_board(spec: NodeSpec) -> tuple[VirtualBoard, dict[str, RegisterChip]]:
         faults=spec.faults,
         radio=None
         if spec.radio_medium is None
-        else RadioModule(spec.radio_medium, bytes.fromhex(spec.board.unique_id)[:6]),
+        else RadioModule(
+            spec.radio_medium,
+            bytes.fromhex(spec.board.unique_id)[:6],
+            MODELS[spec.board.model].platform,
+        ),
     )
     if host.log:
         board.streams.log = []

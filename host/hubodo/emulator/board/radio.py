@@ -1,7 +1,8 @@
-"""Radios of a board on the shared medium: an nRF24L01+ on its pins, and ESP-NOW of an ESP32."""
+"""Radios of a board on the shared medium: an nRF24L01+ on its pins, ESP-NOW of an ESP32, and Bluetooth."""
 
 from __future__ import annotations
 
+from hubodo.emulator.board.hypercall import ENODEV
 from hubodo.emulator.board.radio_medium import RadioMedium
 from hubodo.emulator.chips.espnow import EspNow
 from hubodo.emulator.chips.nrf24 import Nrf24
@@ -10,13 +11,14 @@ CSN_PIN, CE_PIN = 17, 20
 
 
 class RadioModule:
-    """The nRF24L01+ on SPI, chip select and chip enable of a board, and its ESP-NOW station.
+    """The nRF24L01+ on SPI, chip select and chip enable of a board, its ESP-NOW station and its Bluetooth.
 
     Times are in ns.
     """
 
-    def __init__(self, medium: RadioMedium, mac: bytes) -> None:
+    def __init__(self, medium: RadioMedium, mac: bytes, port: str) -> None:
         self._medium = medium
+        self._bluetooth = None if medium.open_bluetooth is None else medium.open_bluetooth(mac, port)
         self.chip = Nrf24(medium)
         self._espnow = EspNow(medium, mac)
         medium.add_board(self)
@@ -45,9 +47,18 @@ class RadioModule:
         """Handle a call of ESP-NOW; return status and result."""
         return self._medium.run_in_order(self, t, lambda: self._espnow.handle_call(t, request))
 
+    def call_bluetooth(self, t: float, request: bytes) -> tuple[int, bytes]:
+        """Handle a call of Bluetooth; return status and result."""
+        bluetooth = self._bluetooth
+        if bluetooth is None:
+            return -ENODEV, b""
+        return self._medium.run_in_order(self, t, lambda: bluetooth.handle_call(t, request))
+
     def reset(self) -> None:
-        """Reset ESP-NOW, as at a restart of the processor."""
+        """Reset ESP-NOW and Bluetooth, as at a restart of the processor."""
         self._espnow.reset()
+        if self._bluetooth is not None:
+            self._bluetooth.reset()
 
     def _select(self, t: float, level: int) -> bytes:
         """Set the chip select of the nRF24L01+, active low."""

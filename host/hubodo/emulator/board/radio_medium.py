@@ -7,7 +7,7 @@ import random
 import threading
 from collections import Counter
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 from hubodo.emulator.chips.espnow import EspNow
 from hubodo.emulator.chips.nrf24 import Nrf24, PacketFaults
@@ -16,15 +16,30 @@ _NO_FAULTS = PacketFaults()
 Result = TypeVar("Result")
 
 
+class BluetoothRadio(Protocol):
+    """The Bluetooth radio of a board; `t` in ns."""
+
+    def handle_call(self, t: float, request: bytes) -> tuple[int, bytes]: ...
+
+    def reset(self) -> None: ...
+
+
 class RadioMedium:
     """Radio medium of several boards, which act in the order of their times.
 
     A board declares with `advance` that it does nothing before a time. `run_in_order` waits until all other
     boards have advanced to that time, runs the events scheduled before it, and then performs the action.
-    `counts`: packets and losses, by kind.
+    `counts`: packets and losses, by kind. open_bluetooth: returns the Bluetooth radio of a board by its
+    address and port; see `chips.ble_peripheral`.
     """
 
-    def __init__(self, packet_faults: PacketFaults = _NO_FAULTS, seed: int = 0) -> None:
+    def __init__(
+        self,
+        packet_faults: PacketFaults = _NO_FAULTS,
+        seed: int = 0,
+        open_bluetooth: Callable[[bytes, str], BluetoothRadio] | None = None,
+    ) -> None:
+        self.open_bluetooth = open_bluetooth
         self.packet_faults = packet_faults
         self.random = random.Random(seed)
         self.counts: Counter[str] = Counter()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
 from ipaddress import ip_address
 from pathlib import Path
@@ -21,6 +21,7 @@ from hubodo.ingest.link.topic_name import TOPIC_KIND, is_topic, is_valid_topic
 _BY_ID_FOLDER = Path("/dev/serial/by-id")
 _NAMED_PORT = re.compile(r"(?P<name>[A-Za-z][\w-]*)=(?P<port>.+)")
 _SERIAL_NUMBER = re.compile(r"[\w.:-]+")
+BLE_KIND = "ble"
 _WINDOWS_PORT = re.compile(r"(\\\\\.\\)?COM\d+", re.IGNORECASE)
 
 
@@ -50,11 +51,11 @@ class PortName:
     name
         Name of the node on this port; None to derive it from the node id.
     kind
-        "device", "serial number", "tcp", "udp" or "ros2".
+        "device", "serial number", "tcp", "udp", "ble" or "ros2".
     target
-        Path, serial number, "host:port" or topic.
+        Path, serial number, "host:port", name or address of a Bluetooth node, or topic.
     keys
-        Keys that authenticate the datagrams of nodes on UDP; None to accept datagrams without keys.
+        Keys that authenticate the packets of nodes on UDP or Bluetooth; None to accept packets without keys.
     """
 
     text: str
@@ -93,12 +94,17 @@ def parse_port(text: str) -> PortName:
             )
         return PortName(text, name, TOPIC_KIND, topic)
     scheme, has_scheme, _ = port.partition("://")
+    if scheme == BLE_KIND and has_scheme:
+        target = port.removeprefix(f"{BLE_KIND}://")
+        if not _SERIAL_NUMBER.fullmatch(target):
+            raise InputError(f"port {text!r}: write ble://NAME, such as ble://hubodo-1")
+        return PortName(text, name, BLE_KIND, target)
     if has_scheme:
         kind = {"socket": "tcp", "udp": "udp"}.get(scheme)
         if kind is None:
             raise InputError(
-                f"port {text!r}: unknown scheme {scheme}://; write socket://HOST:PORT, udp://HOST:PORT or "
-                "ros2:/TOPIC"
+                f"port {text!r}: unknown scheme {scheme}://; write socket://HOST:PORT, udp://HOST:PORT, "
+                "ble://NAME or ros2:/TOPIC"
             )
         try:
             parts = urlsplit(port)
@@ -113,27 +119,30 @@ def parse_port(text: str) -> PortName:
     if port and _SERIAL_NUMBER.fullmatch(port):
         return PortName(text, name, "serial number", port)
     raise InputError(
-        f"port {text!r}: write a device such as /dev/ttyACM0 or COM3, a USB serial number, socket://, udp:// "
-        "or ros2:/TOPIC"
+        f"port {text!r}: write a device such as /dev/ttyACM0 or COM3, a USB serial number, socket://, "
+        "udp://, ble://NAME or ros2:/TOPIC"
     )
 
 
-def attach_keys(port: PortName, key_file: Path | None, *, insecure: bool) -> PortName:
-    """Return the port, for UDP with the keys of its nodes.
+def attach_keys(port: PortName, key_file: Path | None, *, insecure: Collection[str]) -> PortName:
+    """Return the port, for UDP and Bluetooth with the keys of its nodes.
 
-    Raises InputError for a UDP port that accepts datagrams from other machines without keys, unless
-    `insecure` is set: anybody on the network could send samples to it.
+    Raises InputError for a port that accepts packets of others without keys, unless its kind is in
+    `insecure`: anybody on the network, or within reach of the radio, could send samples to it.
     """
-    if port.kind != "udp":
+    if port.kind not in ("udp", BLE_KIND):
         return port
     if key_file is not None:
         return replace(port, keys=KeyRing(key_file))
-    if not insecure and not _is_loopback(port.address[0]):
-        raise InputError(
-            f"port {port.text!r}: anybody on the network could send samples there; give the --key-file of "
-            "`hubodo flash`, or --insecure-udp to accept samples from anybody"
-        )
-    return port
+    if port.kind in insecure or (port.kind == "udp" and _is_loopback(port.address[0])):
+        return port
+    place, option = (
+        ("on the network", "--insecure-udp") if port.kind == "udp" else ("nearby", "--insecure-ble")
+    )
+    raise InputError(
+        f"port {port.text!r}: anybody {place} could send samples there; give the --key-file of "
+        f"`hubodo flash`, or {option} to accept samples from anybody"
+    )
 
 
 def _is_loopback(host: str) -> bool:

@@ -1,4 +1,4 @@
-"""Serial, TCP and UDP links with one interface."""
+"""Serial, TCP, UDP and Bluetooth links with one interface."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ import socket
 from collections import Counter
 
 from hubodo.errors import LinkError
+from hubodo.ingest.link.ble import BleTransport
 from hubodo.ingest.link.keys import KeyRing
 from hubodo.ingest.link.open_link import MAX_READ_BYTES, WRITE_TIMEOUT_S, Transport, link_down_on_error
-from hubodo.ingest.link.ports import DeviceFinder, PortName
+from hubodo.ingest.link.ports import BLE_KIND, DeviceFinder, PortName
 from hubodo.ingest.link.sealed import DatagramSealer
 from hubodo.ingest.link.serial_port import open_serial
 from hubodo.ingest.readiness import can_read
@@ -98,25 +99,27 @@ class UdpTransport:
 
 
 class SealedTransport:
-    """A UDP port that passes on authenticated datagrams only; a sender is the serial of its board."""
+    """A port that passes on authenticated packets only; a sender is the serial of its board."""
 
-    datagrams = True
-
-    def __init__(self, plain: UdpTransport, keys: KeyRing) -> None:
+    def __init__(self, plain: Transport, keys: KeyRing) -> None:
         self._plain, self._sealer = plain, DatagramSealer(keys)
-        self.endpoint, self.refused = plain.endpoint, self._sealer.refused
+        self.endpoint, self.datagrams, self.refused = plain.endpoint, plain.datagrams, self._sealer.refused
+        self._serial = ""
 
     def read(self, timeout: float) -> tuple[bytes, str]:
         data, address = self._plain.read(timeout)
-        if not address:
+        if not data and not address:
             return b"", ""
         opened = self._sealer.open(data, address)
         if opened.answer:
             self._plain.write(opened.answer, address)
-        return opened.frames, opened.serial
+        if self.datagrams:
+            return opened.frames, opened.serial
+        self._serial = opened.serial or self._serial
+        return opened.frames, ""
 
     def write(self, data: bytes, to: str) -> None:
-        sealed = self._sealer.seal(data, to)
+        sealed = self._sealer.seal(data, to if self.datagrams else self._serial)
         if sealed is not None:
             self._plain.write(*sealed)
 
@@ -135,7 +138,11 @@ def open_transport(port: PortName, finder: DeviceFinder, baud: int) -> Transport
     """
     if port.kind == "tcp":
         return TcpTransport(*port.address)
+    plain: Transport
     if port.kind == "udp":
         plain = UdpTransport(*port.address)
-        return plain if port.keys is None else SealedTransport(plain, port.keys)
-    return open_serial(finder.find_device(), baud)
+    elif port.kind == BLE_KIND:
+        plain = BleTransport(port.target)
+    else:
+        return open_serial(finder.find_device(), baud)
+    return plain if port.keys is None else SealedTransport(plain, port.keys)

@@ -90,7 +90,7 @@ class NodeStream:
         self._on_notice = on_notice
         self._computer = computer or ThisComputer()
         self._zero_ns = self._computer.now_ns() // NS_PER_S * NS_PER_S
-        name = attach_keys(parse_port(port), None, insecure=False)
+        name = attach_keys(parse_port(port), None, insecure=())
         self._label = name.label
         self._link = self._computer.create_link(name, name.label, baud, list_devices)
         try:

@@ -30,8 +30,8 @@ class RecordConfig:
 
     ports: tuple[str, ...] = setting(
         (),
-        "Nodes: [NAME=]/dev/..., a USB serial number, socket://HOST:PORT, udp://HOST:PORT (to listen on) or "
-        "ros2:/TOPIC.",
+        "Nodes: [NAME=]/dev/..., a USB serial number, socket://HOST:PORT, udp://HOST:PORT (to listen on), "
+        "ble://NAME or ros2:/TOPIC.",
         example=("left=/dev/hubodo/E66058388366A231", "right=/dev/hubodo/E66058388355B142"),
         metavar="PORT",
     )
@@ -52,8 +52,8 @@ class RecordConfig:
     )
     key_file: str | None = setting(
         None,
-        "Keys of nodes on UDP, written by `hubodo flash --key-file`; messages without a valid key are "
-        "rejected, by the nodes too.",
+        "Keys of nodes on UDP or Bluetooth, written by `hubodo flash --key-file`; messages without a "
+        "valid key are rejected, by the nodes too.",
         example="keys.toml",
         metavar="TOML",
     )
@@ -61,6 +61,11 @@ class RecordConfig:
         False,
         "Accept UDP without keys from other machines: anybody on the network can then send samples and "
         "commands (not needed for 127.0.0.1).",
+        example=True,
+    )
+    insecure_ble: bool = setting(
+        False,
+        "Accept nodes by Bluetooth without keys: anybody nearby can then pose as a node, or send commands.",
         example=True,
     )
     gnss: str | None = setting(
@@ -140,6 +145,11 @@ class RecordConfig:
     log_format: Literal["text", "json"] = setting(
         "text", 'Format of messages on stderr: "text", or "json", one object per line, for services.'
     )
+
+    @property
+    def insecure_kinds(self) -> tuple[str, ...]:
+        """Kinds of ports that accept nodes without keys."""
+        return (*(("udp",) if self.insecure_udp else ()), *(("ble",) if self.insecure_ble else ()))
 
     @property
     def key_path(self) -> Path | None:

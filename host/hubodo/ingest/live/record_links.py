@@ -70,7 +70,7 @@ def create_links(
     wanted += [(config.gnss, config.gnss_baud, True)] if config.gnss is not None else []
     used_ports: set[tuple[str, str]] = set()
     for text, baud, is_gnss in wanted:
-        port = attach_keys(parse_port(text), config.key_path, insecure=config.insecure_udp)
+        port = attach_keys(parse_port(text), config.key_path, insecure=config.insecure_kinds)
         if (port.kind, port.target) in used_ports:
             raise InputError(f"port {text!r}: given twice; give each port once")
         used_ports.add((port.kind, port.target))

@@ -209,10 +209,10 @@ def test_keys_are_readable_by_their_owner_only_and_an_invalid_file_is_named(ring
 
 def test_udp_from_other_machines_requires_keys_or_an_option(ring):
     for host in ("127.0.0.1", "localhost", "[::1]"):
-        assert attach_keys(parse_port(f"udp://{host}:9"), None, insecure=False).keys is None
+        assert attach_keys(parse_port(f"udp://{host}:9"), None, insecure=()).keys is None
     for host in ("0.0.0.0", "192.168.1.2", "[::]", "laptop.local"):
         with pytest.raises(InputError, match=r"--key-file.*--insecure-udp"):
-            attach_keys(parse_port(f"udp://{host}:9"), None, insecure=False)
-        assert attach_keys(parse_port(f"udp://{host}:9"), None, insecure=True).keys is None
-        assert attach_keys(parse_port(f"udp://{host}:9"), ring.path, insecure=False).keys.keys == ring.keys
-    assert attach_keys(parse_port("/dev/ttyACM0"), ring.path, insecure=False).keys is None
+            attach_keys(parse_port(f"udp://{host}:9"), None, insecure=())
+        assert attach_keys(parse_port(f"udp://{host}:9"), None, insecure=("udp",)).keys is None
+        assert attach_keys(parse_port(f"udp://{host}:9"), ring.path, insecure=()).keys.keys == ring.keys
+    assert attach_keys(parse_port("/dev/ttyACM0"), ring.path, insecure=()).keys is None

@@ -48,7 +48,7 @@ class SerialDevice:
 
 
 class ExchangeDevice:
-    """The devices /dev/spi and /dev/espnow of runner.mjs: a write is a request, a read returns the reply."""
+    """The devices /dev/spi, /dev/espnow and /dev/ble of runner.mjs: write a request, then read the reply."""
 
     def __init__(self, op):
         self._op, self._reply = op, b""

@@ -81,8 +81,11 @@ def _install():
         "/dev/udp": UdpDevice,
         "/dev/spi": lambda: ExchangeDevice("SPI"),
         "/dev/espnow": lambda: ExchangeDevice("ESPNOW"),
+        "/dev/ble": lambda: ExchangeDevice("BLE"),
     }
     port_modules = ("espnow",) if CONFIG["platform"] == "esp32" else ()
+    if CONFIG["radio"] or CONFIG["platform"] == "esp32":
+        port_modules += ("bluetooth",)
     for name in ("time", "machine", "network", "socket", *port_modules):
         source = RUNNER_FOLDER.parent / "modules" / f"_{name}.py"
         module = types.ModuleType(name)

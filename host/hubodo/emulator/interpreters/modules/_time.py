@@ -11,17 +11,23 @@ ticks_us = _board.ticks_us
 ticks_ms = _board.ticks_ms
 _sleep_us = _board.sleep_us
 _sleep_ms = _board.sleep_ms
+after_sleep = []
+"""Functions that deliver the events of the board; called after each sleep."""
 
 
 # MicroPython checks for ctrl-C in loops, which ends the sleep.
 def sleep_us(us):
     while _sleep_us(us):
         pass
+    for deliver in after_sleep:
+        deliver()
 
 
 def sleep_ms(ms):
     while _sleep_ms(ms):
         pass
+    for deliver in after_sleep:
+        deliver()
 
 
 def sleep(seconds):

@@ -39,7 +39,7 @@ export class Devices {
   }
 
   register(FS) {
-    [["i2c", this._i2c()], ["serial", this._serial()], ["udp", this._udp()], ["spi", this._exchange("SPI")], ["espnow", this._exchange("ESPNOW")]].forEach(([name, device], k) => {
+    [["i2c", this._i2c()], ["serial", this._serial()], ["udp", this._udp()], ["spi", this._exchange("SPI")], ["espnow", this._exchange("ESPNOW")], ["ble", this._exchange("BLE")]].forEach(([name, device], k) => {
       FS.registerDevice(FS.makedev(64, k), { ...file, ...device });
       FS.mkdev(`/dev/${name}`, FS.makedev(64, k));
     });
