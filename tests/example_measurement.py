@@ -34,7 +34,7 @@ the 10 000 windows of a quarter of an hour it counts as white noise of 100 times
 """
 
 
-def usable(window: Window) -> bool:
+def is_usable(window: Window) -> bool:
     """Return False if an accelerometer across the axle was saturated."""
     return window.force_clipped == 0.0
 

@@ -131,7 +131,7 @@ def _is_accurate(finding: Finding, injection: Injection) -> bool:
         estimate = finding.parameters.get(name)
         if estimate is None:
             return False
-        error = abs(estimate.value - (estimate.was or 0.0) - injected)
+        error = abs(estimate.value - (estimate.model_value or 0.0) - injected)
         tolerance = MAX_ERROR_SHARE * (abs(injected) if len(injection.parameters) == 1 else size)
         if error > max(tolerance, MAX_ERROR_SIGMA * (estimate.sigma or 0.0)) and name != "time_constant":
             return False

@@ -191,11 +191,13 @@ def _build_result(
 
 def _is_minor(finding: Finding) -> bool:
     """Return True if the value of a given effect changes by less than it differs between drives."""
-    if finding.effect.startswith(PREFIX) or any(one.was is None for one in finding.parameters.values()):
+    if finding.effect.startswith(PREFIX) or any(
+        one.model_value is None for one in finding.parameters.values()
+    ):
         return False
     kind = BY_NAME[finding.effect]
     return all(
-        abs(one.value - (one.was or 0.0)) < _MAX_MINOR_CHANGE * kind.scale(name)
+        abs(one.value - (one.model_value or 0.0)) < _MAX_MINOR_CHANGE * kind.scale(name)
         for name, one in finding.parameters.items()
     )
 

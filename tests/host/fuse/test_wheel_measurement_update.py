@@ -78,7 +78,7 @@ def test_a_clipped_channel_disables_only_the_measurements_that_use_it(
     unusable = {
         measurement.__name__.rpartition(".")[2]
         for measurement in MEASUREMENTS
-        if not measurement.usable(window)
+        if not measurement.is_usable(window)
     }  # type: ignore[attr-defined]
     assert unusable & CHANNELS == expected
     update, initial = _make_update("left")

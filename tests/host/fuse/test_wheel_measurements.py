@@ -144,7 +144,7 @@ def test_a_measurement_added_to_the_tuple_is_used(monkeypatch: pytest.MonkeyPatc
     def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
         return 7.0 - w.x[w.columns[ACCEL_BIAS_Z]], 1e-12, {ACCEL_BIAS_Z: 1.0}
 
-    axial_bias = SimpleNamespace(STATES=(ACCEL_BIAS_Z,), usable=lambda window: True, measure=measure)
+    axial_bias = SimpleNamespace(STATES=(ACCEL_BIAS_Z,), is_usable=lambda window: True, measure=measure)
 
     def biases() -> list[float]:
         nodes = {name: WheelNode(name, "left") for name in drive.nodes}  # type: ignore[arg-type]

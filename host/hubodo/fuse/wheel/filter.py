@@ -152,7 +152,7 @@ class WheelFilter:
         n_rejected_before = builder.n_rejected
         windows = builder.add(sample.t, sample.gyro, sample.accel)
         n_rejected = builder.n_rejected - n_rejected_before
-        if builder.newest == sample.t:
+        if builder.newest_t == sample.t:
             self._last_samples[sample.node] = sample
             self._sample_rates.pop(sample.node, None)
         if windows:

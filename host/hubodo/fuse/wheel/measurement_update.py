@@ -248,7 +248,7 @@ class MeasurementUpdate:
         return [
             self._rows.row_of(measurement, index)
             for measurement, is_used in zip(self._rows.measurements, self._usage[mode], strict=True)
-            if not is_used or not measurement.usable(window)
+            if not is_used or not measurement.is_usable(window)
         ]
 
 

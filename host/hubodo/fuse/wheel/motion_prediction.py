@@ -169,7 +169,7 @@ class MotionPrediction:
         """Return the mean speed change from usable accelerometers; None if there is none."""
         change, variance, derivatives, count = 0.0, 0.0, np.zeros(len(x)), 0
         for wheel, window in windows:
-            if not wheel.mode(window).knows_angle or window.missing > 0.0 or not forward.usable(window):
+            if not wheel.mode(window).knows_angle or window.missing > 0.0 or not forward.is_usable(window):
                 continue
             wheel.view.linearise(
                 x,

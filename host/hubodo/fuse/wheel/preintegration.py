@@ -60,7 +60,7 @@ class WindowBuilder:
     _sample_rows: tuple[Array, Array] | None = None
 
     @property
-    def newest(self) -> float | None:
+    def newest_t(self) -> float | None:
         """Return the time of the newest accepted sample, s."""
         return self._newest
 

@@ -26,7 +26,7 @@ from hubodo.gap.change.joint import (
 from hubodo.gap.judge.hypothesis import Hypothesis
 from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.refit.cross_validation import HeldOutGain, compute_held_out_gain
-from hubodo.gap.refit.refit import Refit, begin_fit, continue_fit
+from hubodo.gap.refit.refit import Refit, continue_fit, linearise_fit
 from hubodo.gap.screen.candidates import Candidate
 from hubodo.gap.screen.evidence import compute_log_evidence
 from hubodo.gap.state.state import State
@@ -93,7 +93,7 @@ def fit_separate(
 def _fit_log(evaluation: Evaluation, separate: Collection[EffectKey], rounds: int) -> Refit:
     state = evaluation.state
     terms = [_freeze_implausible(replace(term, is_fitted=term.key in separate)) for term in state.terms]
-    return continue_fit(begin_fit(evaluation.with_state(state.with_terms(terms))), rounds).without_cache()
+    return continue_fit(linearise_fit(evaluation.with_state(state.with_terms(terms))), rounds).without_cache()
 
 
 @dataclass(frozen=True)
@@ -190,14 +190,14 @@ class _FittedCandidate:
     common: fit with a value common to both logs
     best: fit with a value for each
     terms: before and after
-    places: indices of its coordinates in `best`, before and after
+    indices: indices of its coordinates in `best`, before and after
     """
 
     pair: LogPair
     common: JointFit
     best: JointFit
     terms: tuple[ModelTerm, ModelTerm]
-    places: tuple[Indices, Indices]
+    indices: tuple[Indices, Indices]
 
     @property
     def tempering(self) -> float:
@@ -209,7 +209,7 @@ class _FittedCandidate:
         """Return the change of the coordinates, (k,) in scales."""
         before, after = (
             term.effect.coordinates() / term.effect.coordinate_scales() + self.best.step[place]
-            for term, place in zip(self.terms, self.places, strict=True)
+            for term, place in zip(self.terms, self.indices, strict=True)
         )
         return np.asarray(after - before)
 
@@ -224,35 +224,35 @@ def _fit_candidate(pair: LogPair, candidate: Candidate, is_known: bool) -> _Fitt
     fitted = fit_separate(evaluations, separate, pair.tempering, _MAX_CANDIDATE_ITERATIONS)
     logs = [linearise_log(free_all_terms(one), with_candidates=False) for one in fitted.evaluations]
     joint = join_logs(logs[0], logs[1], separate, pair.tempering)
-    places = [place[_own_slice(log.terms, term)] for place, log in zip(joint.places, logs, strict=True)]
+    indices = [place[_own_slice(log.terms, term)] for place, log in zip(joint.indices, logs, strict=True)]
     terms = [next(one for one in log.terms if one.key == term.key) for log in logs]
     common, _ = pair.joint.fit_candidate(candidate, is_known)
-    return _FittedCandidate(fitted, common, joint.fit(), (terms[0], terms[1]), (places[0], places[1]))
+    return _FittedCandidate(fitted, common, joint.fit(), (terms[0], terms[1]), (indices[0], indices[1]))
 
 
 def _judge(one: _FittedCandidate, tempering: float) -> ChangeCandidate:
     """Judge a candidate by its gain over a value common to both logs."""
     gain = 0.5 * (one.common.objective - one.best.objective)
-    hypothesis = _judge_change(one.terms, one.change, one.places, gain, (one.common, one.best), tempering)
+    hypothesis = _judge_change(one.terms, one.change, one.indices, gain, (one.common, one.best), tempering)
     return ChangeCandidate(hypothesis, one.pair)
 
 
 def _judge_change(
     terms: Sequence[ModelTerm],
     change: Array,
-    places: Sequence[Indices],
+    indices: Sequence[Indices],
     gain: float,
     fits: tuple[JointFit, JointFit],
     tempering: float,
 ) -> Hypothesis:
     """Judge a change of a term.
 
-    terms, places: before and after
+    terms, indices: before and after
     change: (k,) in scales
     fits: with a common value, and with a value for each log
     """
     effect = terms[1].effect
-    covariance = _difference_covariance(fits[1].covariance, *places)
+    covariance = _difference_covariance(fits[1].covariance, *indices)
     evidence = _evidence(gain, change, covariance, tempering) - effect.neg_log_prior()
     held_out_gain = compute_held_out_gain(fits[0].folds, fits[1].folds)
     objection = ""
@@ -263,7 +263,7 @@ def _judge_change(
     elif (
         not effect.varies_between_drives
         and tempering > _CORRELATED_TEMPERING
-        and _is_minor(change, _change_sigma(fits[1], places))
+        and _is_minor(change, _change_sigma(fits[1], indices))
     ):
         objection = "differs by no more than drives differ"
     hypothesis = Hypothesis(terms[1], gain, evidence, 0.0, None, None, held_out_gain)
@@ -285,14 +285,14 @@ def rejudge_change(pair: LogPair, key: EffectKey, tempering: float) -> Hypothesi
     logs = [linearise_log(free_all_terms(one), with_candidates=False) for one in pair.evaluations]
     joint = join_logs(logs[0], logs[1], pair.separate, pair.tempering)
     terms = [next(one for one in log.terms if one.key == key) for log in logs]
-    places = [place[_own_slice(log.terms, terms[0])] for place, log in zip(joint.places, logs, strict=True)]
+    indices = [place[_own_slice(log.terms, terms[0])] for place, log in zip(joint.indices, logs, strict=True)]
     scales = terms[0].effect.coordinate_scales()
     difference = (terms[1].effect.coordinates() - terms[0].effect.coordinates()) / scales
     best = joint.fit()
-    common = joint.fit_equal(places[0], places[1], difference)
-    change = difference + best.step[places[1]] - best.step[places[0]]
+    common = joint.fit_equal(indices[0], indices[1], difference)
+    change = difference + best.step[indices[1]] - best.step[indices[0]]
     gain = 0.5 * (common.objective - best.objective)
-    return _judge_change(terms, change, places, gain, (common, best), tempering)
+    return _judge_change(terms, change, indices, gain, (common, best), tempering)
 
 
 def _own_slice(terms: Sequence[ModelTerm], term: ModelTerm) -> slice:
@@ -314,13 +314,13 @@ def _difference_covariance(covariance: Array, before: Indices, after: Indices) -
     return np.asarray((total - cross - cross.T) * np.outer(is_observed, is_observed))
 
 
-def _change_sigma(fit: JointFit, places: Sequence[Indices]) -> Array:
+def _change_sigma(fit: JointFit, indices: Sequence[Indices]) -> Array:
     """Return 1 sigma of each coordinate of a change, (k,), as reported; zero for unobservable ones."""
     variances = [
         np.max([np.diag(one)[place] for one in (fit.covariance, fit.robust_covariance)], axis=0)
-        for place in places
+        for place in indices
     ]
-    is_observed = np.min([np.diag(fit.covariance)[place] for place in places], axis=0) > FROZEN_VARIANCE
+    is_observed = np.min([np.diag(fit.covariance)[place] for place in indices], axis=0) > FROZEN_VARIANCE
     return np.asarray(np.sqrt(variances[0] + variances[1]) * is_observed)
 
 

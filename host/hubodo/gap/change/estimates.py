@@ -23,7 +23,7 @@ def estimate_change(pair: LogPair, key: EffectKey) -> dict[str, tuple[Estimate, 
     for number in range(2):
         fit = _refit_of_log(joint, best, number)
         term = next(one for one in fit.free_terms if one.key == key)
-        step = best.step[joint.places[number]][fit.coordinate_slice(term)]
+        step = best.step[joint.indices[number]][fit.coordinate_slice(term)]
         (shifted,) = move_terms([term], [step])
         estimates.append(estimate_parameters(shifted, fit))
     return {
@@ -40,7 +40,7 @@ def _subtract(before: Estimate, after: Estimate) -> Estimate:
 
 def _refit_of_log(joint: JointGrams, best: JointFit, number: int) -> Refit:
     """Return the part of a joint fit that concerns one log."""
-    log, place = joint.logs[number], joint.places[number]
+    log, place = joint.logs[number], joint.indices[number]
     prior = replace(best.prior, information=best.prior.information[place], value=best.prior.value[place])
     square = np.ix_(place, place)
     count = sum(len(term.effect.coordinates()) for term in log.terms)

@@ -127,12 +127,12 @@ class JointGrams:
     """Both logs along the D directions of the candidates and P joint coordinates.
 
     logs: before and after
-    places: for each log, indices of its own coordinates among the joint ones
+    indices: for each log, indices of its own coordinates among the joint ones
     blocks: (B, D + P + 1, D + P + 1), blocks of the first log before those of the second
     """
 
     logs: tuple[LogGrams, LogGrams]
-    places: tuple[Indices, Indices]
+    indices: tuple[Indices, Indices]
     blocks: Array
     tempering: float
 
@@ -149,7 +149,7 @@ class JointGrams:
     def raw_squares(self) -> Array:
         """Return the squares of the columns of the joint coordinates, (P,)."""
         total = np.zeros(self.blocks.shape[1] - self.n_directions - 1)
-        for log, place in zip(self.logs, self.places, strict=True):
+        for log, place in zip(self.logs, self.indices, strict=True):
             total[place] += log.raw_squares[self.n_directions :]
         return total
 
@@ -157,7 +157,7 @@ class JointGrams:
     def prior(self) -> CoordinatePrior:
         """Return the prior of the joint coordinates."""
         information, value = np.zeros((2, len(self.raw_squares)))
-        for log, place in zip(self.logs, self.places, strict=True):
+        for log, place in zip(self.logs, self.indices, strict=True):
             prior = build_prior(log.terms, len(place), self.tempering)
             information[place], value[place] = prior.information, prior.value
         return CoordinatePrior(information, value, self.tempering)
@@ -247,25 +247,25 @@ def join_logs(
     before: LogGrams, after: LogGrams, separate: Collection[EffectKey], tempering: float
 ) -> JointGrams:
     """Join two logs with the same free terms, of which the `separate` ones have a value for each log."""
-    places: tuple[list[int], list[int]] = ([], [])
+    members: tuple[list[int], list[int]] = ([], [])
     count = 0
     for term in before.terms:
         size = len(term.effect.coordinates())
-        places[0].extend(range(count, count + size))
+        members[0].extend(range(count, count + size))
         count += size if term.key in separate else 0
-        places[1].extend(range(count, count + size))
+        members[1].extend(range(count, count + size))
         count += size
-    for place, log in zip(places, (before, after), strict=True):
+    for place, log in zip(members, (before, after), strict=True):
         n_nuisances = len(log.raw_squares) - before.n_directions - len(place)
         place.extend(range(count, count + n_nuisances))
         count += n_nuisances
     blocks = np.zeros((len(before.blocks) + len(after.blocks), *[before.n_directions + count + 1] * 2))
     first = 0
-    for place, log in zip(places, (before, after), strict=True):
+    for place, log in zip(members, (before, after), strict=True):
         rows = _joint_rows(before.n_directions, place, count)
         blocks[first : first + len(log.blocks), rows[:, None], rows] = log.blocks
         first += len(log.blocks)
-    indices = (np.array(places[0], np.intp), np.array(places[1], np.intp))
+    indices = (np.array(members[0], np.intp), np.array(members[1], np.intp))
     return JointGrams((before, after), indices, blocks, tempering)
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from hubodo.gap.change.difference import ChangeCandidate, LogPair
 from hubodo.gap.judge.hypothesis import judge_proposal
 from hubodo.gap.process_noise.evaluation import Evaluation
-from hubodo.gap.refit.refit import begin_fit
+from hubodo.gap.refit.refit import linearise_fit
 from hubodo.gap.scatter import SCATTER_DETECTORS, Proposal
 from hubodo.gap.state.terms import ModelTerm
 
@@ -27,7 +27,7 @@ def list_scatter_differences(pair: LogPair) -> Iterator[ChangeCandidate]:
             continue
         fits = pair.fits
         state = fits[1].state.with_term(proposal.term)
-        with_term = begin_fit(fits[1].evaluation.with_state(state))
+        with_term = linearise_fit(fits[1].evaluation.with_state(state))
         walk_fit = with_term if proposal.term.effect.is_process() else None
         hypothesis = judge_proposal(fits[1], proposal, walk_fit, pair.tempering)
         yield ChangeCandidate(hypothesis, replace(pair, fits=(fits[0], with_term.without_cache())))

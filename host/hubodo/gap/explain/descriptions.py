@@ -55,6 +55,6 @@ def describe_where(before: Mapping[str, Residual], after: Mapping[str, Residual]
 
 
 def _describe_series(regimes: Regimes, node: NodeData, series: Array) -> str:
-    words = regimes.find_regime(series).words
+    words = regimes.find_regime(series).description
     stretch = "" if " from " in f" {words}" else describe_interval(node.t, series)
     return f"{words}, {stretch}" if stretch else words

@@ -116,7 +116,7 @@ def _add_given_values(parameters: dict[str, Estimate], given: Effect | None) -> 
     if given is None:
         return parameters
     was = given.values()
-    return {name: replace(estimate, was=was[name]) for name, estimate in parameters.items()}
+    return {name: replace(estimate, model_value=was[name]) for name, estimate in parameters.items()}
 
 
 def _limit_confidence(

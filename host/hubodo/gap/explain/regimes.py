@@ -52,7 +52,7 @@ class Trajectory:
 class Regime:
     """The regime of a series as text, and the share of the series' power that it explains, 0 to 1."""
 
-    words: str
+    description: str
     share: float
 
 

@@ -28,17 +28,21 @@ class BeforeAfter:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A parameter: value, 1 sigma (None if unobservable), unit, and the value of the model file, if any."""
+    """A parameter: value, 1 sigma (None if unobservable), unit, and value in the model file, if any."""
 
     value: float
     sigma: float | None
     unit: str
-    was: float | None = None
+    model_value: float | None = None
 
     def as_json(self) -> dict[str, Any]:
         """Return the entry of `parameters` in `gap.json`."""
         fields = {"value": self.value, "sigma": self.sigma, "unit": self.unit}
-        return fields if self.was is None else {**fields, "was": self.was, "change": self.value - self.was}
+        return (
+            fields
+            if self.model_value is None
+            else {**fields, "was": self.model_value, "change": self.value - self.model_value}
+        )
 
 
 @dataclass(frozen=True)

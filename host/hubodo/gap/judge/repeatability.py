@@ -13,7 +13,7 @@ from hubodo.gap.judge.search import SearchResult
 from hubodo.gap.linear.directions import directions_of_terms
 from hubodo.gap.linear.linearisation import linearise
 from hubodo.gap.refit.cross_validation import compute_held_out_gain
-from hubodo.gap.refit.refit import Refit, begin_fit, refit, refit_with_weights
+from hubodo.gap.refit.refit import Refit, linearise_fit, refit, refit_with_weights
 from hubodo.gap.state.state import State
 from hubodo.gap.state.terms import ModelTerm
 
@@ -66,14 +66,14 @@ def _adapt(final: Refit, state: State) -> Refit:
     evaluation = evaluation.with_state(evaluation.state.with_terms(terms))
     free_terms = [term for term in terms if term.is_refittable]
     linearisation = linearise(evaluation, directions_of_terms(evaluation.problem, free_terms, terms)[0])
-    fit = begin_fit(evaluation, linearisation)
+    fit = linearise_fit(evaluation, linearisation)
     for _ in range(len(free_terms)):
         excess = {term.key: _excess(fit, term) for term in fit.free_terms}
         key = max(excess, key=lambda key: excess[key])
         if excess[key] <= 1.0:
             break
         terms = [_freeze(term) if term.key == key else term for term in terms]
-        fit = begin_fit(evaluation.with_state(evaluation.state.with_terms(terms)), linearisation)
+        fit = linearise_fit(evaluation.with_state(evaluation.state.with_terms(terms)), linearisation)
     return fit.without_cache()
 
 

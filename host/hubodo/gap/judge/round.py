@@ -18,7 +18,7 @@ from hubodo.gap.judge.posterior import compute_posterior
 from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.process_noise.tracking import track_wheel_phase
 from hubodo.gap.process_noise.weights import Weights, declared_wheel_walk
-from hubodo.gap.refit.refit import Refit, begin_fit, compute_gain, continue_fit, fit_tracked, refit
+from hubodo.gap.refit.refit import Refit, compute_gain, continue_fit, fit_tracked, linearise_fit, refit
 from hubodo.gap.scatter import SCATTER_DETECTORS, Proposal
 from hubodo.gap.screen.null_distribution import NullDistribution
 from hubodo.gap.screen.screening import ScreenedCandidate, screen_candidates
@@ -125,7 +125,7 @@ def judge_round(
     selected = _select_for_refit(screened, always_refit, strictly_screened)
     states = [before.state.with_term(item.candidate.term) for item in selected]
     evaluations = [before.evaluation.with_state(state) for state in states]
-    initial_fits = [begin_fit(one, screening.linearisation) for one in evaluations]
+    initial_fits = [linearise_fit(one, screening.linearisation) for one in evaluations]
     null = screening.null_distribution
     del screening  # its matrices are large and no longer needed
     refits: list[Refit] = []

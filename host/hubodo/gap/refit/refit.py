@@ -141,7 +141,7 @@ def refit(evaluation: Evaluation, rounds: int = _MAX_ITERATIONS) -> Refit:
 
 def fit_tracked(evaluation: Evaluation, rounds: int = _MAX_ITERATIONS) -> Refit:
     """Fit like `refit`, from a state with tracked wheels; `rounds` of 1 accepts only the full step."""
-    return continue_fit(begin_fit(evaluation), rounds)
+    return continue_fit(linearise_fit(evaluation), rounds)
 
 
 def continue_fit(start: Refit, rounds: int = _MAX_ITERATIONS, max_deviance: float = math.inf) -> Refit:
@@ -157,7 +157,7 @@ def continue_fit(start: Refit, rounds: int = _MAX_ITERATIONS, max_deviance: floa
         # The deviance already includes the step; if it grows, the step left the linear range.
         for fraction in _STEP_FRACTIONS if rounds > 1 else _STEP_FRACTIONS[:1]:
             state, _walks = track_wheel_phase(_apply_step(start, fraction * start.step))
-            attempt = begin_fit(start.evaluation.with_state(state), tempering=start.prior.tempering)
+            attempt = linearise_fit(start.evaluation.with_state(state), tempering=start.prior.tempering)
             if attempt.objective < start.objective + tolerance + _MIN_PROMISED_SHARE * step_size**2:
                 break
         else:
@@ -191,7 +191,7 @@ def refit_with_weights(state: State) -> Refit:
     return fit
 
 
-def begin_fit(
+def linearise_fit(
     evaluation: Evaluation, linearisation: Linearisation | None = None, tempering: float | None = None
 ) -> Refit:
     """Linearise a fit at one evaluation, before any step.

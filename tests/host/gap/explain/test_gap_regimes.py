@@ -46,7 +46,7 @@ SERIES_BY_REGIME = {
 
 @pytest.mark.parametrize("regime", SERIES_BY_REGIME)
 def test_the_regime_of_a_noiseless_series_is_found(regime):
-    assert Regimes(TRAJECTORY).find_regime(SERIES_BY_REGIME[regime]).words == regime
+    assert Regimes(TRAJECTORY).find_regime(SERIES_BY_REGIME[regime]).description == regime
 
 
 @pytest.mark.parametrize("regime", SERIES_BY_REGIME)
@@ -54,7 +54,7 @@ def test_the_regime_of_a_series_below_the_noise_is_found(regime):
     seed = 7
     noise = np.random.default_rng(seed).standard_normal(len(T))
     signal = SERIES_BY_REGIME[regime] / np.sqrt(np.mean(SERIES_BY_REGIME[regime] ** 2))
-    assert Regimes(TRAJECTORY).find_regime(0.5 * signal + noise, 1.0).words == regime, seed
+    assert Regimes(TRAJECTORY).find_regime(0.5 * signal + noise, 1.0).description == regime, seed
 
 
 @pytest.mark.parametrize(
@@ -69,7 +69,7 @@ def test_a_regime_with_a_small_share_is_qualified_and_one_with_a_tiny_share_is_n
         np.mean(SERIES_BY_REGIME["with the temperature"] ** 2)
     )
     series = np.sqrt(share) * signal + np.sqrt(1.0 - share) * noise
-    assert Regimes(TRAJECTORY).find_regime(series).words == expected_text, seed
+    assert Regimes(TRAJECTORY).find_regime(series).description == expected_text, seed
 
 
 def test_white_noise_belongs_to_no_regime():
@@ -77,7 +77,9 @@ def test_white_noise_belongs_to_no_regime():
     noise = np.random.default_rng(seed).standard_normal(len(T))
     result = Regimes(TRAJECTORY).find_regime(noise, 1.0)
     assert result.share < 0.3
-    assert result.words.startswith("at no particular time") or "among others" in result.words, seed
+    assert result.description.startswith("at no particular time") or "among others" in result.description, (
+        seed
+    )
 
 
 def test_a_short_interval_is_described_and_the_whole_log_is_not():

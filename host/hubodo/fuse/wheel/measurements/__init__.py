@@ -15,7 +15,7 @@ class Measurement(Protocol):
     def STATES(self) -> tuple[Entry, ...]:
         """Return the entries that the measurement depends on, in the order of its derivatives."""
 
-    def usable(self, window: Window) -> bool:
+    def is_usable(self, window: Window) -> bool:
         """Return True if a window with saturated channels is still usable."""
 
     def measure(self, w: LinearisedWindow, noise: WindowNoise) -> Row:

@@ -41,7 +41,7 @@ _CLIPPED_FORCE_VARIANCE = (2.0 * STANDARD_GRAVITY / 10.0 * WINDOW_S) ** 2
 """(m/s)²; with a clipped gz the change of the wheel rate is unknown: 2 m/s², hard driving. Estimated."""
 
 
-def usable(window: Window) -> bool:
+def is_usable(window: Window) -> bool:
     """Return False if an accelerometer across the axle was saturated."""
     return window.force_clipped == 0.0
 

@@ -29,7 +29,7 @@ STATES = (
 )
 
 
-def usable(window: Window) -> bool:
+def is_usable(window: Window) -> bool:
     """Return False if a gyro across the axle was saturated."""
     return window.across_clipped == 0.0
 

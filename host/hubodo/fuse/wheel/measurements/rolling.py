@@ -34,7 +34,7 @@ _TYRE_VARIANCE = 1e-8
 """m²; 0.1 mm of tyre deformation in a window even if it hardly rolls. Estimated."""
 
 
-def usable(window: Window) -> bool:
+def is_usable(window: Window) -> bool:
     """Return True: a clipped gyro is compensated by RATE_BEYOND_RANGE."""
     return True
 

@@ -42,7 +42,7 @@ STATES = (
 )
 
 
-def usable(window: Window) -> bool:
+def is_usable(window: Window) -> bool:
     """Return False if an accelerometer was saturated: those across leak into the one along the axle."""
     return window.force_clipped == 0.0 and window.axial_clipped == 0.0
 
