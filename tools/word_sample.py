@@ -54,7 +54,7 @@ def texts(source: str, tree: ast.Module) -> Iterator[tuple[int, str]]:
     block: list[str] = []
     start = last = 0
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        if token.type != tokenize.COMMENT or token.string.startswith(("#!", "# type:", "# noqa")):
+        if token.type != tokenize.COMMENT or token.string.startswith(("#!", "# type:", "# noqa", "# fmt:")):
             continue
         text = token.string.lstrip("# ")
         if not token.line.lstrip().startswith("#"):

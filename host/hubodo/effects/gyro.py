@@ -121,8 +121,8 @@ class GyroCubic(Effect):
         return ""
 
     def remove_nonlinearity(self, rate: Array, inverse: Array) -> Array:
-        # w = rate - inverse[:, 2] c w_z³; the z row alone is a cubic equation for w_z, solved by Newton's
-        # method.
+        # Solve w = rate - inverse[:, 2] c w_z³ for the true rate w: the z row is a cubic equation for w_z,
+        # solved by Newton's method.
         spin, cubic = rate[2], inverse[2, 2] * self.z
         for _ in range(_CUBIC_NEWTON_STEPS):
             spin = spin - (spin + cubic * (spin * spin * spin) - rate[2]) / (

@@ -45,9 +45,9 @@ class LocalFrame:
 
     Attributes
     ----------
-    latitude_deg, longitude_deg : of the origin.
+    latitude_deg, longitude_deg : degrees, position of the origin.
     epsg : number of the grid.
-    easting, northing : of the origin, grid metres.
+    easting, northing : grid metres, position of the origin.
     convergence : rad from true to grid north at the origin, clockwise positive.
     scale : grid metres per true metre at the origin.
     """

@@ -80,7 +80,7 @@ class WheelSamples:
 
     Attributes
     ----------
-    side : of the wheel.
+    side : side of the wheel.
     t_ns : (N,) ns on the host's clock.
     gyro : (N, 3) rad/s.
     accel : (N, 3) m/s², specific force.

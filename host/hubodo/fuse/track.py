@@ -103,8 +103,8 @@ def cross_covariances(covariance: Array) -> tuple[Array, Array, Array]:
 def score_track(track: Track, t: Array, x: Array, y: Array, heading: Array | None) -> Score | None:
     """Return the error of a track against the truth (t, x, y, heading, each (M,)).
 
-    The truth is shifted to the track's first common position, never rotated. Returns None without common
-    time.
+    The truth is shifted to the track's first common position, never rotated. Returns None if they have no
+    common time.
     """
     common = (track.t >= t[0]) & (track.t <= t[-1])
     if np.count_nonzero(common) < 2:

@@ -53,8 +53,8 @@ def fuse_graph(
 ) -> GraphResult:
     """Return the maximum a posteriori track of a whole drive.
 
-    path: odometry with t, x, y and heading. other_samples: of further sensors. Raises InputError when there
-    are fixes and none is usable, or the odometry has fewer than two poses.
+    path: odometry with t, x, y and heading. other_samples: samples of further sensors. Raises InputError when
+    there are fixes and none is usable, or the odometry has fewer than two poses.
     """
     check_odometry(path)
     config = config or GraphConfig()

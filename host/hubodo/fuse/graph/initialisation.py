@@ -32,7 +32,7 @@ class RunningGraph:
     window : the newest poses with their factors and solution.
     frame : map frame of the poses.
     sigma_growth : factor by which the sigmas of fixes are inflated.
-    noise : of the odometry.
+    noise : noise of the odometry.
     last_fix_t : s, time of the newest fix that was used.
     warnings : one line each, of the start.
     """

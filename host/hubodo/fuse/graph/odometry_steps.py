@@ -39,16 +39,15 @@ class StepNoise:
     """Random errors of an odometry without a covariance of its own; 1 sigma.
 
     Odometry of a real car, compared with RTK, showed 0.01 to 0.05 m/√m along and 0.01 to 0.1 m/√m across.
-    These are
-    initial values: odometry_noise.py estimates factors on them.
+    These are initial values: odometry_noise.py estimates factors on them.
 
     Attributes
     ----------
     along, sideways : m per √m.
     heading : rad per √s.
     heading_per_distance : rad per √m.
-    relative_error : of a segment's length and turn (Shah et al. section IV: 0.1); if set, the others are
-        unused.
+    relative_error : fraction of a segment's length and turn (Shah et al. section IV: 0.1); if it is above 0,
+        the other sigmas are unused.
     speed_walk, yaw_walk : m/s and rad/s per √s, random walks where `min_outage` s or more have no pose.
     min_outage : s.
     sigma_factors : factors on forward, left and heading of each increment.

@@ -37,7 +37,7 @@ class GraphResult:
     fix_t : (M,) s of the usable fixes.
     fix_weight : (M,) weight of each fix, 0 to 1.
     sigma_growth : factor by which the sigmas of the fixes were inflated.
-    noise : of the odometry, as estimated for this drive.
+    noise : noise of the odometry, as estimated for this drive.
     warnings : one line each.
     pose_t : (n,) s of the graph's poses.
     graph, solution : the graph and its optimum.
@@ -87,8 +87,8 @@ def build_result(
 ) -> GraphResult:
     """Return the result of a drive from a solution with all covariances.
 
-    sigma_growth: factor by which the sigmas of the fixes were inflated. noise: of the odometry. shift: s
-    added to the times of the fixes.
+    sigma_growth: factor by which the sigmas of the fixes were inflated. noise: noise of the odometry. shift:
+        s added to the times of the fixes.
     """
     odometry, graph = drive.odometry, drive.graph
     constant_sigma = np.sqrt(np.diag(solution.constants_covariance))

@@ -25,7 +25,7 @@ from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.outage_log import WheelOutage
 from hubodo.fuse.wheel.slip_detector import Slip
 from hubodo.fuse.wheel.wheel import Wheel
-from hubodo.fuse.wheel.window import SECOND_WINDOWS, WINDOW_S
+from hubodo.fuse.wheel.window import WINDOW_S, WINDOWS_PER_SECOND
 
 START_WINDOWS = int(3.0 / WINDOW_S)
 """Windows at the start in which a standstill is expected; later it counts only if there was one at all."""
@@ -104,7 +104,7 @@ def build_report(
 ) -> WheelReport:
     """Return the report of a filter after its last pose.
 
-    track, motion_states: of all poses; lag: as for `run_wheel_filter`.
+    track: all poses. motion_states: (N,) motion state of each pose. lag: as in `run_wheel_filter`.
     """
     wheels = wheel_filter.core.wheels
     names = " and ".join(wheel.name for wheel in wheels)
@@ -250,7 +250,7 @@ def _wheel_warnings(wheel: Wheel, windows: int, outage_windows: int, n_rejected:
         wheel_lines.append(
             f"gz at its limit for {clipped_time:.1f} s; spin there is from gravity and centripetal force"
         )
-    if wheel.blind_windows > SECOND_WINDOWS:
+    if wheel.blind_windows > WINDOWS_PER_SECOND:
         wheel_lines.append(
             "gz and the accelerometers across the axle at their limits together for "
             f"{wheel.blind_windows * WINDOW_S:.1f} s: nothing measures the spin there; mount the node nearer "

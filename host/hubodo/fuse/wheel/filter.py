@@ -38,14 +38,14 @@ from hubodo.fuse.wheel.preintegration import WindowBuilder
 from hubodo.fuse.wheel.records import Pose, StepInput
 from hubodo.fuse.wheel.surface_speeds import SurfaceSpeeds
 from hubodo.fuse.wheel.wheel import Wheel
-from hubodo.fuse.wheel.window import EMPTY_WINDOW, SECOND_WINDOWS, Window
+from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOWS_PER_SECOND, Window
 from hubodo.vehicle import facing_sign
 
-ALIGNMENT_WINDOWS = SECOND_WINDOWS
+ALIGNMENT_WINDOWS = WINDOWS_PER_SECOND
 """Windows from which wheel angles are initialised before the first pose: no vehicle brakes or turns all the
 time."""
 
-_MAX_NODE_DELAY_WINDOWS = SECOND_WINDOWS
+_MAX_NODE_DELAY_WINDOWS = WINDOWS_PER_SECOND
 """Windows by which a node may lag behind the other before its windows are missing."""
 
 _MAX_STEPS_PER_SAMPLE = 3

@@ -38,7 +38,7 @@ from hubodo.fuse.wheel.slip_monitor import HISTORY_WINDOWS, SlipMonitor
 from hubodo.fuse.wheel.slip_schedule import SlipSchedule
 from hubodo.fuse.wheel.state_vector import ExternalCorrection, StateReset, initial_state
 from hubodo.fuse.wheel.wheel import WheelMode
-from hubodo.fuse.wheel.window import EMPTY_WINDOW, SECOND_WINDOWS, WINDOW_S, Window
+from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, WINDOWS_PER_SECOND, Window
 from hubodo.fuse.wheel.window_processor import WindowProcessor
 
 _SYMMETRISATION_STEPS = 16
@@ -47,7 +47,7 @@ _SYMMETRISATION_STEPS = 16
 _MIN_ROLLING_START_SPEED = GATE_SIGMA * SPEED.prior
 """m/s; a first window that is faster is not a start from standstill."""
 
-_STANDSTILL_MEMORY_WINDOWS = SECOND_WINDOWS
+_STANDSTILL_MEMORY_WINDOWS = WINDOWS_PER_SECOND
 """Windows after the last standstill in which an outage still counts as starting at standstill: one wheel may
 be lost so long before the other."""
 
@@ -73,7 +73,8 @@ class FilterCore(WindowProcessor):
     ) -> None:
         """Start at standstill.
 
-        slips, outage_ends: of a previous pass; None: slips are detected, and ends of outages determined.
+        slips, outage_ends: results of a previous pass; None to detect slips, and to determine the ends of
+            outages.
         smoothing: record smoothing terms.
         """
         initial = initial_state(config)

@@ -107,7 +107,7 @@ def smooth_with_lag(
 ) -> list[Pose]:
     """Return the poses of all steps, each from the log up to `lag` steps after it.
 
-    alignment_windows: as in the first pass; slips, outage_ends: of the first pass.
+    alignment_windows: as in the first pass. slips, outage_ends: results of the first pass.
     """
     core = FilterCore(config, slips, outage_ends, smoothing=True)
     smoother = FixedLagSmoother(lag, core.pose_columns)

@@ -87,9 +87,9 @@ class GravitySamples(NamedTuple):
     def fit_chirp(self, rates: Array, slopes: Array, sign: float = 0.0) -> Chirp:
         """Return the chirp with the smallest residual among candidate rates, rad/s, and slopes, rad/s².
 
-        sign: of the limit at which the gyro was saturated all the time, which excludes slower rates; else
-        0.0. The force across the axle is g e^(-iθ): maximum-likelihood estimate of a complex chirp in white
-        noise (Abatzoglou 1986).
+        sign: sign of the limit if the gyro was saturated all the time, which excludes slower rates; else 0.0.
+        The force across the axle is g e^(-iθ): maximum-likelihood estimate of a complex chirp in white noise
+        (Abatzoglou 1986).
         """
         t, count = self.t, len(self.t)
         derotation = np.exp(-1j * (self.carrier_angle + 0.5 * slopes[:, None] * t * t))

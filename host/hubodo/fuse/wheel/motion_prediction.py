@@ -130,7 +130,8 @@ class MotionPrediction:
             and not has_surface_speeds
             and p.item(speed, speed) < vehicle_motion_sigmas(max_speed).speed ** 2
         ):
-            # Braking lasts for seconds, so the changes of all windows add up: k² - (k - 1)² squared changes.
+            # Braking lasts for seconds, so the changes of k windows add up: the variance grows by k² - (k -
+            # 1)² squared changes.
             speed_variance += 2.0 * blind * (HARD_ACCELERATION * WINDOW_S) ** 2
         p[speed, speed] += speed_variance
         p[yaw_rate, yaw_rate] += yaw_variance

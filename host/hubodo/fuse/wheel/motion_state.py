@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import NamedTuple
 
-from hubodo.fuse.wheel.window import MANOEUVRE_WINDOWS, SECOND_WINDOWS, WINDOW_S, Window
+from hubodo.fuse.wheel.window import MANOEUVRE_WINDOWS, WINDOW_S, WINDOWS_PER_SECOND, Window
 
-_STANDSTILL_WINDOWS = SECOND_WINDOWS
+_STANDSTILL_WINDOWS = WINDOWS_PER_SECOND
 """Windows in which a wheel must stand still: longer than a wheel pauses when it reverses."""
 
 _ROCKING_WINDOWS = MANOEUVRE_WINDOWS
@@ -110,7 +110,7 @@ class StandstillDetector:
     def force(self) -> complex:
         """Return the mean specific force ax + i ay of the last second of standstill, m/s².
 
-        0 if there was none.
+        It is 0 before the first standstill.
         """
         return _mean_force(self._standstill_windows) if self._standstill_windows else 0j
 
@@ -124,7 +124,8 @@ class StandstillDetector:
     def detect(self, window: Window, spin_bias: float, across_bias: complex, sigma: float) -> MotionState:
         """Return the motion state at the end of this window.
 
-        spin_bias: rad/s of gz; across_bias: of gx + i gy; sigma: 1 sigma of the least known of them.
+        spin_bias: rad/s, bias of gz. across_bias: rad/s, bias of gx + i gy. sigma: rad/s, largest 1 sigma of
+            these.
         """
         limits, margin = self.limits, 3.0 * sigma
         spin = window.spin / WINDOW_S - spin_bias

@@ -10,7 +10,7 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.config import GATE_SIGMA
-from hubodo.fuse.wheel.window import MANOEUVRE_WINDOWS, SECOND_WINDOWS, WINDOW_S
+from hubodo.fuse.wheel.window import MANOEUVRE_WINDOWS, WINDOW_S, WINDOWS_PER_SECOND
 
 BOTH_WHEELS = 0.0
 """Verdict of `MountingCheck`: both wheels are distrusted."""
@@ -183,7 +183,7 @@ class MountingCheck:
         self.track_regression[0] += yaw_rate * yaw_rate
         self.track_regression[1] += yaw_rate * (right_speed - left_speed)
         self._compare_sizes(yaw_rate - declared, turned_rate, 0.5 * (first * first + second * second))
-        if self.count < SECOND_WINDOWS:
+        if self.count < WINDOWS_PER_SECOND:
             return None
         distrusted_side = self._check_steering() if self.count >= MANOEUVRE_WINDOWS else None
         if distrusted_side is None:

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.records import WheelWindows
-from hubodo.fuse.wheel.window import SECOND_WINDOWS, WINDOW_S
+from hubodo.fuse.wheel.window import WINDOW_S, WINDOWS_PER_SECOND
 
-_CONFIRMATION_WINDOWS = SECOND_WINDOWS + SECOND_WINDOWS
+_CONFIRMATION_WINDOWS = WINDOWS_PER_SECOND + WINDOWS_PER_SECOND
 """Windows after an outage in which standstill may be confirmed: one second for detection, one for a late
 second wheel.
 """
@@ -95,7 +95,7 @@ class OutageLog:
         return change
 
     def list_warnings(self, names: str) -> list[str]:
-        """Return one line for each listed outage; names: of the nodes."""
+        """Return one line for each listed outage; names: names of the nodes as text."""
         lines = []
         for outage in self.listed_outages:
             duration = outage.end - outage.start

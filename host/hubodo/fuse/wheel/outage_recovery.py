@@ -15,12 +15,12 @@ from hubodo.fuse.wheel.outage_bridge import MAX_BRIDGED_OUTAGE_S, OutageEnd
 from hubodo.fuse.wheel.outage_model import MotionSigmas
 from hubodo.fuse.wheel.records import WheelWindows
 from hubodo.fuse.wheel.wheel import Wheel, WheelMode
-from hubodo.fuse.wheel.window import SECOND_WINDOWS, WINDOW_S, Window
+from hubodo.fuse.wheel.window import WINDOW_S, WINDOWS_PER_SECOND, Window
 
 _MAX_ANGLE_AGE_WINDOWS = 3
 """Windows before an outage in which a wheel may already be missing: cables and radios do not fail at once."""
 
-_MAX_RECOVERY_WINDOWS = 2 * SECOND_WINDOWS + SECOND_WINDOWS
+_MAX_RECOVERY_WINDOWS = 2 * WINDOWS_PER_SECOND + WINDOWS_PER_SECOND
 """Windows after an outage within which gravity must show the wheel angles."""
 
 

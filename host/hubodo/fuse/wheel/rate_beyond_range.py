@@ -93,8 +93,8 @@ def derotate_window(x: list[float], p: Array, wheel: Wheel, window: Window) -> t
 def _widen_blind_rate(p: Array, wheel: Wheel, step: float) -> None:
     """Add variance, in place, to a rate that nothing measures; step: rad/s, its change in a window.
 
-    Braking lasts for seconds, so the changes of all windows add up: (k + 1)² - k² = 2 k + 1 squared steps
-    after k windows.
+    Braking lasts for seconds, so the changes of all windows add up: after k windows the variance grows by (k
+        + 1)² - k² = 2 k + 1 squared steps.
     """
     beyond = wheel.columns[RATE_BEYOND_RANGE]
     growth = 2.0 * step * step * wheel.spin_tracker.unobserved_windows

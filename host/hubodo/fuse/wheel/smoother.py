@@ -34,7 +34,7 @@ def smooth_whole_log(
 ) -> list[Pose]:
     """Return the poses of all steps, each from the whole log.
 
-    alignment_windows: as in the first pass; slips, outage_ends: of the first pass.
+    alignment_windows: as in the first pass. slips, outage_ends: results of the first pass.
     """
     core = FilterCore(config, slips, outage_ends, smoothing=True)
     core.align([step.windows for step in steps if not step.realign])

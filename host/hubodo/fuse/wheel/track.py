@@ -19,11 +19,11 @@ from hubodo.fuse.wheel.mirrored_axes import correct_mirrored_axes
 from hubodo.fuse.wheel.node_screening import find_own_gaps
 from hubodo.fuse.wheel.records import Pose
 from hubodo.fuse.wheel.surface_speeds import SurfaceSpeeds
-from hubodo.fuse.wheel.window import SECOND_WINDOWS, WINDOW_S
+from hubodo.fuse.wheel.window import WINDOW_S, WINDOWS_PER_SECOND
 from hubodo.recording import Table
 from hubodo.vehicle import side_sign
 
-_CLOCK_JUMP_WINDOWS = SECOND_WINDOWS
+_CLOCK_JUMP_WINDOWS = WINDOWS_PER_SECOND
 """Windows in which the wheels disagree after which a clock is doubted."""
 
 

@@ -14,7 +14,7 @@ WINDOW_S = 0.1
 At 2000 deg/s half a turn; an error of 1 % in spin rotates the ends of a window by 2 mrad/(rad/s).
 """
 
-SECOND_WINDOWS = round(1.0 / WINDOW_S)
+WINDOWS_PER_SECOND = round(1.0 / WINDOW_S)
 """Windows in a second: longer than a bump, than the pause of a wheel that reverses and than the delay of a
 radio, and shorter than a manoeuvre. Estimated.
 """

@@ -20,7 +20,7 @@ _NO_WINNER = "no effect was significant"
 class ExplanationRow:
     """One scope of the effect in one round.
 
-    gain: of the log-likelihood
+    gain: gain of the log-likelihood
     evidence: ln Bayes factor against the absence of the effect
     probability: None if it was not refitted
     beaten_by: the hypothesis that was added instead

@@ -103,7 +103,7 @@ def _list_alternatives(
 ) -> tuple[tuple[str, str, float, float], ...]:
     """Return effect, scope, gain and probability of each effect, the most probable first.
 
-    probabilities: of each effect over all its scopes, as stated for the finding and its runner-up
+    probabilities: probability of each effect over all its scopes, as stated for the finding and its runner-up
     """
     best: dict[str, Hypothesis] = {} if own is None else {own.term.effect.name: own}
     for hypothesis in hypotheses:
@@ -124,7 +124,7 @@ def _limit_confidence(
 ) -> float:
     """Return the confidence, limited by alternatives.
 
-    probability: of the effect in its round
+    probability: probability of the effect in its round
     gains_below: its gain minus that of each other effect
     """
     # An effect that fits better may have lost by its prior alone.

@@ -147,7 +147,7 @@ class _NodeResponse:
     def effect_change(self, effects: Mapping[type[Effect], Effect], effect: Effect) -> Array:
         """Return the change of the channels, (6, N), for unchanged motion.
 
-        effects: of the node, including the changed one
+        effects: effects of the node, including the changed one
         """
         if self.is_additive(effect):
             return self._added.reading_change(effect) / _STEP_SCALES

@@ -36,7 +36,7 @@ class SpeedCoupling:
     ) -> SpeedCorrection | None:
         """Return the change of the speed correction per `step` of an effect; None if it does not change.
 
-        effects: of all nodes, including the changed one
+        effects: effects of all nodes, including the changed one
         changed: names of the nodes with the changed effect
         """
         correction, sources = self._state.speed_correction, self._state.problem.speed_source_nodes

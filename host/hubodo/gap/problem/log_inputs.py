@@ -126,7 +126,7 @@ def _read_speed(
 ) -> tuple[SmoothingSpline | None, float, float, tuple[str, ...]]:
     """Return the speed, the span in which it is known, and the nodes whose gyros measured it.
 
-    yaw_rate: of the vehicle, rad/s; None for a constant
+    yaw_rate: yaw rate of the vehicle, rad/s; None for a constant
     """
     name = model.inputs.speed
     if not isinstance(name, str):

@@ -32,7 +32,8 @@ class NodeData:
     t: (N,) s since the start of the log
     y: (6, N) gx gy gz in rad/s, ax ay az in m/s²
     used: (6,) channels that take part; a channel that never changes is excluded
-    saturation_limits: of gyro, rad/s, and accelerometer, m/s²; infinity if no readings pile up at a limit
+    saturation_limits: limits of gyro, rad/s, and accelerometer, m/s²; infinite if no readings pile up at a
+        limit
     """
 
     name: str

@@ -68,7 +68,7 @@ def cross_validate(
 
     blocks: (B, P+1, P+1) gram matrices of coordinates and residual, whose row is the last
     raw_squares: (P,) squares of the columns, below a share of which information is rounding error
-    prior: of the coordinates
+    prior: prior of the coordinates
     samples: (B,) readings in each block
 
     For a linear model with information A and score b the other folds give the step d = A⁻¹ b, and the

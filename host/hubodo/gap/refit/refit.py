@@ -97,7 +97,7 @@ class Refit:
     def information(self, term: ModelTerm) -> Array:
         """Return the information about a free term's coordinates, (k, k), with everything else fitted.
 
-        Zero for unobservable coordinates.
+        It is zero for unobservable coordinates.
         """
         indices = np.arange(len(self.full_covariance))[self.coordinate_slice(term)]
         others = np.setdiff1d(np.arange(len(self.full_covariance)), indices)

@@ -18,7 +18,7 @@ from hubodo.gap.state.terms import ALL, ModelTerm
 class Proposal:
     """An effect that would explain the scatter.
 
-    gain: of the log-likelihood
+    gain: gain of the log-likelihood
     evidence: ln Bayes factor
     sigmas: 1 sigma of the parameters of the effect
     where: the observation as text

@@ -23,7 +23,7 @@ _WIDTH_PRIORS = np.minimum(1.0, 1.0 / PRIOR_WIDTHS) / np.minimum(1.0, 1.0 / PRIO
 def compute_log_evidence(gain: float, value: Array, information: Array) -> float:
     """Return ln of the Bayes factor of an effect against its absence.
 
-    gain: of ln likelihood, with all coordinates of the effect fitted
+    gain: gain of ln likelihood, with all coordinates of the effect fitted
     value: (k,) fitted coordinates in scales
     information: (k, k) about them, everything else fitted; unobservable coordinates do not count
 

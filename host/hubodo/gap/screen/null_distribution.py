@@ -40,8 +40,8 @@ class ScoreTest:
 class NullDistribution:
     """Distribution of the largest gain over all candidates if nothing is missing.
 
-    surprises: (BOOTSTRAP_DRAWS,) ascending, as `compute_surprise`, of the best candidate. Empty without
-        candidates: noise is then assumed independent
+    surprises: (BOOTSTRAP_DRAWS,) surprise of the best candidate of each draw, see `compute_surprise`,
+        ascending; empty without candidates, and noise is then assumed independent
     """
 
     surprises: Array

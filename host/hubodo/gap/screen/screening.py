@@ -19,7 +19,7 @@ from hubodo.gap.screen.null_distribution import NullDistribution, ScoreTest, dra
 class ScreenedCandidate:
     """A candidate with its first-order result.
 
-    gain: of the log-likelihood
+    gain: gain of the log-likelihood
     evidence: ln Bayes factor
     coordinates: (k,), fitted, in scales
     information: (k, k) about them at their starting values, zero for unobservable ones

@@ -50,7 +50,7 @@ _MIN_TONE_HZ = 0.2
 class UnnamedTerm:
     """A library term on some channels of a node.
 
-    gain: of ln likelihood, summed over its channels
+    gain: gain of ln likelihood, summed over its channels
     evidence: gain minus the cost of its amplitudes and of the search
     channel_gains: gain of each channel
     """

@@ -67,7 +67,7 @@ class State:
     def reset_with_terms(self, terms: Sequence[ModelTerm]) -> State:
         """Return a copy with the given terms, and with wheels and clocks not yet tracked.
 
-        Values tracked under the old terms may mislead.
+        Values tracked with the old terms may be wrong for the new ones.
         """
         return replace(self, terms=tuple(terms), phase_offsets={}, stamp_delays={})
 

@@ -21,7 +21,7 @@ def required_record_length(
     """Return the record length in s, to a factor of 2, at which a term of this size is detected at 3 sigma.
 
     theta: (5,) squares of the terms present. min_record_per_tau: record length in units of the longest
-    averaging time used. None if more than 4096 times the length of this record would be needed.
+    averaging time used. Returns None if more than 4096 times the length of this record would be needed.
     """
     shortest, longest = 1, _MAX_DOUBLINGS + 1
     while shortest < longest:

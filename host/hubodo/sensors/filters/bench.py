@@ -96,7 +96,7 @@ class FilterBench:
     def choose(self, scores: Sequence[FilterScore]) -> FilterScore | None:
         """Return the node's filter with the smallest error, raw unless the gain is significant.
 
-        None for a record without motion, where the longest memory is the best and would lag on a wheel.
+        Returns None for a record without motion, where the longest memory is best but would lag on a wheel.
         """
         if not self.is_moving:
             return None

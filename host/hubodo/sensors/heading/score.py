@@ -54,7 +54,7 @@ class HeadingScore:
     Attributes:
         source: file of the truth.
         start: true heading at the start of the track, rad.
-        errors: of the filter ("heading") and of the baselines, by name.
+        errors: errors of the filter ("heading") and of the baselines, by name.
         sigma: (K,) sigma of the filter, rad.
     """
 

@@ -172,7 +172,7 @@ def fill_channels(rate: Array, gyro: Array, accel: Array) -> tuple[Array, Array]
 def _horizontal_channels(index: int, gyro: Array, accel: Array) -> list[tuple[Array, float]]:
     """Return the measured horizontal channels of gyro and accelerometer with the amplitudes to expect.
 
-    index: of the vertical axis.
+    index: column of the vertical axis.
     """
     triads = []
     for values, amplitude in ((gyro, EARTH_RATE), (accel, STANDARD_GRAVITY * _TABLE_TILT)):

@@ -88,7 +88,8 @@ def choose_standstills(
 ) -> StandstillChoice:
     """Return the most probable set of standstills, with its odds.
 
-    largest_rate: of the record, rad/s. latest_start: largest index at which a segment may start and still
+    largest_rate: largest rate of the record, rad/s. latest_start: largest index at which a segment may start
+        and still
     count as the beginning of the record. other_biases: rad/s, of the other gyro axes. log_evidence: log
     likelihood of biases (M,) rad/s from gravity and Earth rate.
     """
@@ -142,7 +143,7 @@ def _decide(hypotheses: list[NDArray[np.bool_]], scores: Array, biases: Array) -
 
 
 def _log_prior(standstills: int, count: int) -> float:
-    """Return the log probability that these and no others of `count` segments are standstills."""
+    """Return the log prior probability that exactly these of `count` segments are standstills."""
     return float(
         betaln(standstills + _STANDSTILL_COUNT, count - standstills + _TURN_COUNT)
         - betaln(_STANDSTILL_COUNT, _TURN_COUNT)

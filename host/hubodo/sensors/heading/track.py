@@ -51,7 +51,7 @@ def estimate_heading(
 ) -> HeadingTrack:
     """Run the heading filter over means of about `step` s.
 
-    spans: standstills. model: warm-up of the axis. noise: of the bias. age: time since power-on at the
+    spans: standstills. model: warm-up of the axis. noise: noise of the bias. age: time since power-on at the
     first sample, s. scale_sigma: relative sigma of the scale factor, which is constant, so its error is
     proportional to the net turn. lag: delay of the gyro, s, which makes the heading late by that times the
     rate. In a gap the rate is interpolated linearly, with an error equal to the rms change of the rate

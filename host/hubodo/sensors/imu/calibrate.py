@@ -48,9 +48,9 @@ def calibrate_imu(
     t: (N,) s. gyro: (N, 3) rad/s. accel: (N, 3) m/s². gravity: local gravity, m/s². latitude: rad, needed
     for Earth rate as the reference of the gyros; without it, or if the gyros are too noisy, the turns
     between standstills are the reference. table_rate: rate of a rate table, rad/s, on which the node
-    turned steadily in nine or more poses; it is then the reference. convention: of the accelerometer
-    misalignments. min_standstill: s. Raises CalibrationError if data are missing, InputError for an
-    impossible gravity or latitude.
+    turned steadily in nine or more poses; it is then the reference. convention: convention of the
+    accelerometer misalignments. min_standstill: s. Raises CalibrationError if data are missing, InputError
+    for an impossible gravity or latitude.
     """
     if not 9.7 < gravity < 9.9:
         raise InputError(

@@ -78,7 +78,7 @@ def vertical_earth_rate(mount: AxisMount, latitude: float) -> Array:
     """Return the (N,) component of vertical Earth rate along the axis, rad/s, due to its elevation.
 
     The elevation comes from the accelerometer, whose bias is constant and therefore acts like the gyro's.
-    Zero for a node without accelerometer. latitude: rad.
+    It is zero for a node without accelerometer. latitude: rad.
     """
     return np.asarray(EARTH_RATE * np.sin(latitude) * mount.elevation_sine)
 

@@ -44,7 +44,7 @@ class NorthEstimate:
 
     Attributes:
         method: "maytag", "maytag4", "carousel" or "east".
-        azimuth, sigma: of table zero, clockwise from north, rad.
+        azimuth, sigma: azimuth of table zero, clockwise from north, and its sigma, rad.
         earth_rate: test of the measured Earth rate against that of the latitude.
         angle_sigma: part of sigma due to errors of angles that the gyro itself measured, rad.
         candidates: azimuths that the records cannot distinguish (two if all stops are along one line),

@@ -149,7 +149,7 @@ class WarmupResult:
 
         They are inflated such that the bias sigma that follows from them is at least that of `forecast`,
         up to `SIGMA_HORIZON_S` beyond the record: c2 by the error of the form within the record, the c1 of
-        the slower exponential by its error beyond. Empty without an accepted model.
+            the slower exponential by its error beyond. The result is empty without an accepted model.
         """
         if self.accepted is None:
             return {}

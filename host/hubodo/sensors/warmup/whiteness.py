@@ -17,7 +17,7 @@ SIGNIFICANCE_LEVEL = 0.005
 Together the two reject a white residual about once in a hundred records.
 """
 
-# The paper: the Gaussian approximation of the autocovariance requires at least 16 samples.
+# According to the paper, the Gaussian approximation of the autocovariance requires at least 16 samples.
 _MIN_TEST_SAMPLES = 16
 
 

@@ -30,7 +30,7 @@ class WheelCalibration:
     held_out : errors on held-out segments.
     white_sigma, slow_sigma : m, 1 sigma of the positions' errors, as estimated.
     n_positions, n_jumps : positions used, and jumps of the positions.
-    warnings : of the filter.
+    warnings : warnings of the filter, one line each.
     source, output : source of the positions (`truth` or `gnss`) and path of the calibration file, in the
         result of the verb.
     """

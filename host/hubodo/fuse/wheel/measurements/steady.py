@@ -47,7 +47,7 @@ class NodeFixedTerms(NamedTuple):
 
     Attributes
     ----------
-    force_variance, rate_variance : of each component, from vibration.
+    force_variance, rate_variance : variances of each component, from vibration.
     spin : rad/s, w.
     lever_factor : (rad/s)², i w' - w².
     radius : m.
