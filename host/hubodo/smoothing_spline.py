@@ -103,11 +103,10 @@ class SmoothingSpline:
 
     @cached_property
     def _polynomials(self) -> tuple[Array, Array]:
-        """Return the inner knots, (M+1,) s, and for each interval the integral before it and its polynomial.
+        """Return the inner knots, (M+1,) s, and the polynomial of each interval, (degree + 2, M).
 
-        The second array is (degree + 2, M).
-
-        The lowest power comes first. Polynomials take a fifth of the time of a sum of B-splines.
+        The first row is the integral up to the interval; coefficients follow from the lowest power on.
+        Polynomials take a fifth of the time of a sum of B-splines.
         """
         polynomial = PPoly.from_spline(self.spline)
         inner = slice(_SPLINE_DEGREE, len(polynomial.x) - 1 - _SPLINE_DEGREE)

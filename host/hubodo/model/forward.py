@@ -28,8 +28,8 @@ N) each in node axes."""
 class NodeInitialState:
     """Initial state of a node.
 
-    wheel_angle: rad, at the start of the log. attitude: rad, rotation vector of a node on the body against
-    the body axes.
+    wheel_angle: rad, at the start of the log. attitude: rad, rotation vector of a node on the body relative
+        to the body axes.
     """
 
     wheel_angle: float = 0.0

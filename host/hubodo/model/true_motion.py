@@ -69,7 +69,7 @@ def motion_on_body(
 ) -> tuple[Array, Array, Array]:
     """Return angular rate, its derivative and specific force of a node at the body origin, (3, N) each.
 
-    attitude: rad, rotation vector of the node against the body axes.
+    attitude: rad, rotation vector of the node relative to the body axes.
     """
     zero = np.zeros_like(body.speed)
     rate = np.stack([zero, zero, body.yaw_rate])

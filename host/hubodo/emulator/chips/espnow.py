@@ -130,7 +130,7 @@ class EspNow:
     def _send(self, t: float, attempt: int, *, delivered: bool) -> None:
         """Send the first queued packet when the medium is free.
 
-        heard: True if the peer received it before, but the acknowledgement was lost.
+        delivered: True if the peer received it before, but the acknowledgement was lost.
         """
         medium, (_, data) = self._medium, self._send_queue[0]
         start_ns = max(t, medium.busy_until) + _DIFS_NS + medium.random.randrange(_SLOTS) * _SLOT_NS

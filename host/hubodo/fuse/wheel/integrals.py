@@ -47,10 +47,10 @@ def integrands(gyro: Array, accel: Array, angle: Array, sign: float, limits: tup
     return rows
 
 
-def differences(first: int, edge_values: Array) -> list[Window]:
+def build_windows(first: int, edge_values: Array) -> list[Window]:
     """Return the windows from number `first` on between consecutive edges.
 
-    edge_rows: (CZ + 5, N) integrals, time without samples, gz and gx + i gy at the edges.
+    edge_values: (CZ + 5, N) integrals, time without samples, gz and gx + i gy at the edges.
     """
     d = edge_values[:, 1:] - edge_values[:, :-1]
     count = d.shape[1]

@@ -77,7 +77,7 @@ def track_width_test(error: float, variance: float, prior: float) -> float | Non
 
 
 def inflate_outlier_variances(
-    white: Array,
+    whitened: Array,
     sigma: Array,
     residuals: Array,
     variances: Array,
@@ -89,10 +89,10 @@ def inflate_outlier_variances(
     rows of yaw and rolling of two wheels if all rows are present. If two yaw rates disagree, both lose
     weight. If two wheels roll apart, the one farther from the predicted speed is the slipping one.
     """
-    is_outlier = np.abs(white) > GATE_SIGMA
+    is_outlier = np.abs(whitened) > GATE_SIGMA
     if not is_outlier.any():
         return variances, None
-    extra = np.where(is_outlier, (white * white / GATE_SIGMA**2 - 1.0) * sigma * sigma, 0.0)
+    extra = np.where(is_outlier, (whitened * whitened / GATE_SIGMA**2 - 1.0) * sigma * sigma, 0.0)
     outlier_wheel = None
     if compared is not None:
         (first_yaw, first), (second_yaw, second) = compared
@@ -116,8 +116,8 @@ class MountingCheck:
     Attributes
     ----------
     track_width : m.
-    residual_squares : (rad/s)² sums for: as declared; left node reversed; right node reversed; both reversed
-    or sides exchanged.
+    yaw_residual_squares : (rad/s)², sums for the mounting as declared, left node reversed, right node
+        reversed, and both reversed or sides exchanged.
     wheel_distances : m, of the left and the right wheel.
     yaw_rate_squares : (rad/s)² sums of the left and right gyro, and of their difference.
     size_regression : sums for the size ratio: squares of twice the speed over the track, and its product

@@ -286,7 +286,7 @@ class OutageModel:
             # Later windows may show that the vehicle did not turn: this variance is uncorrelated with all
             # states, so that it can be removed again.
             noise = np.diag(noise.diagonal())
-        self.spread(p, transition, seconds)
+        self.propagate_covariance(p, transition, seconds)
         p[np.ix_(at, at)] += noise
         return transition, float(noise[2, 2])
 
@@ -304,12 +304,12 @@ class OutageModel:
             x[index] *= transition[index, index]
         for _, excess in self._wheels:
             transition[excess, excess] = x[excess] = 0.0
-        self.spread(p, transition, seconds)
+        self.propagate_covariance(p, transition, seconds)
         for angle, _ in self._wheels:
             p[angle, angle] = 0.0
         p += noise
 
-    def spread(self, p: Array, transition: Array, seconds: float) -> None:
+    def propagate_covariance(self, p: Array, transition: Array, seconds: float) -> None:
         """Propagate the covariance of all states but the pose over `seconds`, in place."""
         p[:] = transition @ p @ transition.T
         diagonal = p.ravel()[:: len(p) + 1]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.fuse.wheel.integrals import CZ, GZ, MISSING, SAMPLE_ROWS, WI, WR, differences, integrands
+from hubodo.fuse.wheel.integrals import CZ, GZ, MISSING, SAMPLE_ROWS, WI, WR, build_windows, integrands
 from hubodo.fuse.wheel.window import WINDOW_S, Window, slice_samples
 from hubodo.vehicle import Facing, facing_sign
 
@@ -226,4 +226,4 @@ class WindowBuilder:
         if self._edge_values is not None:
             edge_values = np.concatenate([self._edge_values, edge_values], axis=1)
         self._edge_values = edge_values[:, -1:].copy()
-        return differences(first, edge_values)
+        return build_windows(first, edge_values)

@@ -159,7 +159,7 @@ def _advise_measurements(result: MissingEffects) -> list[str]:
             lines.append(
                 f"{finding.effect} is uncertain: record longer, with more turns and changes of speed."
             )
-        if not helps_held_out(finding):
+        if not improves_held_out(finding):
             lines.append(
                 f"{finding.effect} does not reduce the gap on held-out data: confirm it on another record."
             )
@@ -170,14 +170,14 @@ def _advise_measurements(result: MissingEffects) -> list[str]:
     return lines
 
 
-def helps_held_out(finding: Finding) -> bool:
+def improves_held_out(finding: Finding) -> bool:
     """Return True if the gap on held-out data does not grow with an effect."""
     return not finding.held_out_gap.after > finding.held_out_gap.before + _MAX_HELD_OUT_GROWTH
 
 
 def _advise_model(result: MissingEffects, listed: Sequence[Finding]) -> str:
     """Return advice for or against the written model, depending on held-out data."""
-    doubtful = [finding.effect for finding in listed if not helps_held_out(finding)]
+    doubtful = [finding.effect for finding in listed if not improves_held_out(finding)]
     if doubtful:
         rejected = " ".join(f"--reject {name}" for name in dict.fromkeys(doubtful))
         return f"Do not use model.toml as it is: on held-out data it is no better. Run again with {rejected}."

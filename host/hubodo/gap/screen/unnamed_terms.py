@@ -84,7 +84,7 @@ def find_unnamed_terms(evaluation: Evaluation) -> list[UnnamedTerm]:
 
 
 def block_edges(t: Array) -> NDArray[np.intp]:
-    """Return the first samples of blocks of times t, (N,) s."""
+    """Return the index of the first sample of each block of times t, (N,) s."""
     return np.unique(np.searchsorted(t, np.arange(t[0], t[-1], _SCORE_BLOCK)))
 
 

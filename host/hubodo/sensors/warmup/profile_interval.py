@@ -30,7 +30,7 @@ class ProfileIntervals:
     c1: tuple[float | None, float | None]
     time_constant: tuple[float | None, float | None]
 
-    def of(self, name: str) -> list[float | None]:
+    def ends(self, name: str) -> list[float | None]:
         """Return both ends of the interval of a parameter, `c1` or `time_constant`."""
         return list(self.c1 if name == "c1" else self.time_constant)
 

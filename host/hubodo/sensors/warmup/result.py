@@ -290,7 +290,7 @@ class WarmupResult:
             if not is_given:
                 result[name] |= {"reason": self.reason or next_model_reason(fit)}
             if self.accepted is None and name != "c2":
-                result[name] |= {"interval": self.intervals.of(name)}
+                result[name] |= {"interval": self.intervals.ends(name)}
         return result | {
             "white": self.exponential.is_white,
             "whiteness": self.exponential.whiteness_json(),
