@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import log
 from typing import ClassVar
 
 import numpy as np
@@ -9,6 +10,9 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.effects.base import Effect, OdometryPrior, Visibility, parameter
 from hubodo.effects.sensor_chain import Noise, SensorChain
+
+# Prior probability that samples are stamped late: they are stamped when they arrive, after their transport.
+_LATE_PROBABILITY = 0.75
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,11 @@ class TimeOffset(Effect):
 
     def true_time(self, t: Array) -> Array:
         return t - self.delay
+
+    def neg_log_prior(self) -> float:
+        if not self.delay:
+            return 0.0
+        return -log(2.0 * (_LATE_PROBABILITY if self.delay > 0.0 else 1.0 - _LATE_PROBABILITY))
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,8 @@ from hubodo.recording import Recording
 
 # Largest change of an effect of the model, in usual sizes, that is no finding where residuals are correlated.
 _MAX_MINOR_CHANGE, _MIN_REFINEMENT_TEMPERING = 0.25, 2.0
+# Ratio of two gaps on held-out samples up to which they are equal: there, an effect may not show at all.
+_MAX_EQUAL_GAP_RATIO = 1.0001
 # Ratio of the final gap to that of noise alone, from which on the log is not fully explained.
 _MAX_EXPLAINED_GAP_RATIO = 1.5
 
@@ -207,7 +209,8 @@ def _best_stage(gaps: Sequence[float], held_out_gaps: Sequence[float]) -> int:
 
     gaps, held_out_gaps: (K + 1,) with the first k effects
     """
-    allowed = [k for k in range(len(gaps)) if gaps[k] <= gaps[0] and not held_out_gaps[k] > held_out_gaps[0]]
+    largest = _MAX_EQUAL_GAP_RATIO * held_out_gaps[0]
+    allowed = [k for k in range(len(gaps)) if gaps[k] <= gaps[0] and not held_out_gaps[k] > largest]
     last = len(gaps) - 1
     return last if last in allowed else min(allowed, key=lambda k: held_out_gaps[k])
 

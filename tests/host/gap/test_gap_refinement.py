@@ -86,6 +86,12 @@ def test_of_a_search_whose_gap_grew_the_best_part_remains():
     assert _best_stage([3.0, 2.0], [np.nan, np.nan]) == 1
 
 
+def test_an_effect_that_the_held_out_condition_does_not_show_stays():
+    """Saturation of the fastest turn: rounding of the filter changes the gap elsewhere by 5e-6 of it."""
+    assert _best_stage([2.35128, 2.04242], [1.97809, 1.97810]) == 1
+    assert _best_stage([2.35128, 2.04242], [1.97809, 1.97850]) == 0
+
+
 def test_the_model_of_one_real_drive_holds_on_the_next(tmp_path):
     """The first round names an effect of the drive, or refines one of the model as little as drives differ.
 

@@ -91,7 +91,9 @@ class Hypothesis:
     def without_tracking(self) -> Hypothesis:
         """Return a copy without tracked wheels and clocks, which take much memory."""
         state = (
-            None if self.state is None else replace(self.state, starts={}, phase_offsets={}, stamp_delays={})
+            None
+            if self.state is None
+            else replace(self.state, starts={}, phase_offsets={}, stamp_delays={}, measured_offsets={})
         )
         return replace(self, state=state)
 

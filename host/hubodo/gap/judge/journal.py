@@ -162,6 +162,7 @@ def _state_to_json(state: State) -> dict[str, Any]:
         "starts": {name: [start.wheel_angle, list(start.attitude)] for name, start in state.starts.items()},
         "paths": {name: _array_to_text(path) for name, path in state.phase_offsets.items()},
         "late": {name: _array_to_text(late) for name, late in state.stamp_delays.items()},
+        "measured": {name: _array_to_text(path) for name, path in state.measured_offsets.items()},
     }
 
 
@@ -205,6 +206,7 @@ def _state_from_json(entry: Mapping[str, Any], point: Evaluation) -> State:
         {name: NodeInitialState(angle, (x, y, z)) for name, (angle, (x, y, z)) in entry["starts"].items()},
         {name: _array_from_text(values) for name, values in entry["paths"].items()},
         {name: _array_from_text(values) for name, values in entry["late"].items()},
+        {name: _array_from_text(values) for name, values in entry["measured"].items()},
         # A round does not change the evaluation.
         point.state.has_steady_wheels,
     )

@@ -176,26 +176,36 @@ def _refit_with_common_weights(before: Refit, refits: Sequence[Refit]) -> tuple[
 def _prefer_simple(ordered: tuple[Hypothesis, ...], tempering: float) -> tuple[Hypothesis, ...]:
     """Put the hypothesis first whose determined coordinates gain most, less a penalty for their number.
 
-    Where residuals are correlated, any further coordinate can absorb some of the road's irregularities. Of
-    several scopes of that effect, the one with the largest gain on held-out samples is preferred. The two
-    hypotheses exchange their probabilities.
+    Where residuals are correlated, any further coordinate can absorb some of the road's irregularities. If
+    gains differ by less than the penalty of one coordinate, the more probable hypothesis is preferred. Of
+    several scopes of that effect, the one with the largest gain on held-out samples is preferred; of those
+    with equal gain, the one with the larger prior: a node with late samples rather than another with early
+    ones. The two hypotheses exchange their probabilities.
     """
     if not ordered or ordered[0].state is None or tempering < _MIN_CORRELATED_TEMPERING:
         return ordered
 
-    def penalised_gain(k: int) -> float:
-        return ordered[k].determined_gain - _COORDINATE_PENALTY * tempering * ordered[k].n_determined
-
+    penalty = _COORDINATE_PENALTY * tempering
     first = ordered[0]
-    candidates = [k for k, one in enumerate(ordered) if not one.objection and one.state is not None]
-    chosen = max(candidates, key=penalised_gain, default=0)
+    gains = {
+        k: one.determined_gain - penalty * one.n_determined
+        for k, one in enumerate(ordered)
+        if not one.objection and one.state is not None
+    }
+    candidates = list(gains)
+    chosen = next((k for k in candidates if gains[k] > max(gains.values()) - penalty), 0)
     scopes = [
         k
         for k in candidates
         if ordered[k].term.effect.name == ordered[chosen].term.effect.name
         and ordered[k].n_determined == ordered[chosen].n_determined
     ]
-    chosen = max(scopes, key=lambda k: ordered[k].held_out_total, default=0)
+    largest = max((ordered[k].held_out_total for k in scopes), default=0.0)
+    chosen = max(
+        [k for k in scopes if largest - ordered[k].held_out_total <= ordered[k].doubtful_gain],
+        key=lambda k: (-ordered[k].term.effect.neg_log_prior(), ordered[k].held_out_total),
+        default=chosen,
+    )
     result = list(ordered)
     result[0] = replace(ordered[chosen], probability=first.probability)
     if chosen:
@@ -207,7 +217,8 @@ def share_between_scopes(ordered: Sequence[Hypothesis]) -> tuple[Hypothesis, ...
     """Divide the probability of the first hypothesis among scopes with equal gain on held-out samples.
 
     Gains are equal if a varying noise level could produce their difference. A speed measured by two wheels,
-    for example, shows only the difference of their clocks, and either may be late.
+    for example, shows only the difference of their clocks, and either may be wrong. The scopes share in
+    proportion to their priors.
     """
     first = ordered[0]
     scopes = [
@@ -218,10 +229,12 @@ def share_between_scopes(ordered: Sequence[Hypothesis]) -> tuple[Hypothesis, ...
         and not one.objection
         and first.held_out_total - one.held_out_total <= first.doubtful_gain
     ]
-    share = sum(ordered[k].probability for k in scopes) / max(len(scopes), 1)
+    if len(scopes) < 2:
+        return tuple(ordered)
+    priors = {k: math.exp(-ordered[k].term.effect.neg_log_prior()) for k in scopes}
+    total = sum(ordered[k].probability for k in scopes) / sum(priors.values())
     return tuple(
-        replace(one, probability=share) if k in scopes and len(scopes) > 1 else one
-        for k, one in enumerate(ordered)
+        replace(one, probability=total * priors[k]) if k in priors else one for k, one in enumerate(ordered)
     )
 
 

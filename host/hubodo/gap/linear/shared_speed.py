@@ -26,7 +26,10 @@ class SpeedCoupling:
         self._state = state
         self._added = {
             node.name: AdditiveEffects(
-                build_measuring_chain(node, state.effects[node.name]), state.effects[node.name]
+                build_measuring_chain(
+                    node, state.effects[node.name], state.measured_offsets.get(node.name, 0.0)
+                ),
+                state.effects[node.name],
             )
             for node in state.problem.speed_source_nodes
         }

@@ -34,7 +34,7 @@ from hubodo.gap.process_noise.segments import (
 )
 from hubodo.gap.process_noise.weights import Weights
 from hubodo.gap.process_noise.wheel_phase import WINDOW_DURATION
-from hubodo.gap.process_noise.window_sums import NodeSegment, winsor_limits
+from hubodo.gap.process_noise.window_sums import NodeSegment, winsor_limits, winsorise
 from hubodo.gap.state.noise import declared_input_sigma, declared_sensor_sigma
 from hubodo.gap.state.state import State
 
@@ -148,7 +148,7 @@ class Evaluation:
                 segment.edges[node.name],
                 no_columns if columns is None else columns.columns(node, state, segment.samples),
                 () if columns is None else columns.indices[node.name],
-                np.clip(state.residual(node) * weight, -limit, limit),
+                winsorise(state.residual(node) * weight, limit),
                 weight,
                 compute_noise_columns(state, node, noises, segment.window_starts),
                 noise_indices(noises, node),

@@ -42,8 +42,23 @@ def track_wheel_phase(state: State) -> tuple[State, dict[str, float]]:
                     phases, declared_wheel_walk(problem, node), state.has_steady_wheels
                 )
                 offsets[node.name] = interpolate_phases(node, phases, offset)
-        state = replace(state, phase_offsets=offsets)
+        measured_offsets = _track_measured_offsets(state, offsets)
+        state = replace(state, phase_offsets=offsets, measured_offsets=measured_offsets)
     return state, walks
+
+
+def _track_measured_offsets(state: State, offsets: Mapping[str, Array]) -> dict[str, Array]:
+    """Return `State.measured_offsets`.
+
+    state: about which the wheels were tracked; offsets: (N,) rad, tracked
+    """
+    measured_offsets = {}
+    for name, error in state.speed_errors.items():
+        rolling = state.predictions[name].rolling
+        assert rolling is not None
+        angle = rolling.angle - state.phase_offsets.get(name, 0.0) + offsets[name]
+        measured_offsets[name] = angle - (error.angle - state.measured_offsets.get(name, 0.0))
+    return measured_offsets
 
 
 def estimate_weights(state: State) -> Weights:

@@ -8,10 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from hubodo.arrays import Array
 
-# Residuals are limited to the larger of this many sigma and this many times the median of their channel.
+# Deviations of residuals from their neighbours are limited to the larger of this many sigma and this many
+# times the median of their channel.
 _MIN_WINSOR_SIGMA, _WINSOR_MEDIANS = 6.0, 8.0
 FREE_WALK_VARIANCE = 1e2
 # Share of a column's squares that remains in `raw_squares` when a free walk absorbs all of it up to rounding.
@@ -195,10 +197,21 @@ def _remove_free_walk(
     return walk
 
 
-def winsorise(z: Array) -> Array:
-    """Limit residuals in sigma, (6, N), so that no single sample dominates."""
-    bound = winsor_limits(z)
-    return np.clip(z, -bound, bound)
+def winsorise(z: Array, limits: Array | None = None) -> Array:
+    """Limit residuals in sigma, (k, N), so that no single sample dominates.
+
+    limits: (k, 1), as `winsor_limits` gives them for the whole log; None to take those of `z`
+
+    Of a residual beyond the limit, its deviation from the median of five neighbours is limited. A misfit that
+    lasts, such as that of a late gyro in a turn, stays as it is: limited, it would not depend on the effect
+    that explains it, and a fit would end far from its minimum.
+    """
+    bound = winsor_limits(z) if limits is None else limits
+    is_large = np.abs(z) > bound
+    if not is_large.any():
+        return z
+    neighbours = median_filter(z, size=(1, 5), mode="nearest")
+    return np.where(is_large, neighbours + np.clip(z - neighbours, -bound, bound), z)
 
 
 def winsor_limits(z: Array) -> Array:

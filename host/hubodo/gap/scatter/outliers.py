@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import log
 
 import numpy as np
-from scipy.special import chdtrc, logsumexp
+from scipy.optimize import minimize
+from scipy.special import chdtrc, expit, logit, logsumexp
 
 from hubodo.arrays import Array
 from hubodo.effects import BY_NAME
@@ -23,6 +24,9 @@ _MIN_SPIKE_GAIN = 15.0
 # Evidence deducted because sensor noise is never exactly Gaussian.
 _NON_GAUSSIAN_PENALTY = 2.0
 _OUTLYING_SIGMA, _MIN_UNIFORM_P_VALUE = 5.0, 1e-5
+# Ratio of the noise of two groups from which on the noise varies within groups, too, and so has a tail; the
+# ratio of the tail's sigma to the noise, and its share to start with.
+_MIN_VARYING_RATIO, _TAIL_RATIO, _TAIL_SHARE = 1.5, 3.0, 0.02
 # Largest share of the outliers that may come close together; bumps of a road come in bursts.
 _MAX_CLOSE_SHARE = 0.12
 
@@ -33,26 +37,36 @@ class _Channel:
 
     row: index of the channel
     z: (n,) readings relative to their neighbours, in sigma
-    sigma: their 1 sigma, in units of the channel's estimated noise
+    groups: (n,) index of the group of similar noise of each reading
+    declared_sigmas: (G,), the declared noise in each group, in the unit of `z`
     """
 
     row: int
     z: Array
-    sigma: float
+    groups: Array
+    declared_sigmas: Array
 
 
 @dataclass(frozen=True)
 class _NodeOutliers:
     """Outlier statistics of one node.
 
+    channels: channels in use
     gain_tables: gain of ln likelihood of each channel, by outlier share and sigma
     count: number of readings
     is_random: True if outliers come at random times and channels
     """
 
+    channels: Sequence[_Channel]
     gain_tables: Sequence[Array]
     count: int
     is_random: bool
+
+    @property
+    def has_tail(self) -> bool:
+        """Return True if the noise varies so much that it has a tail within its groups."""
+        ratios = [one.declared_sigmas.max() / one.declared_sigmas.min() for one in self.channels]
+        return max(ratios, default=1.0) > _MIN_VARYING_RATIO
 
 
 def detect_outliers(residuals: Sequence[Residual]) -> list[Proposal]:
@@ -72,6 +86,9 @@ def detect_outliers(residuals: Sequence[Residual]) -> list[Proposal]:
         if gain < 3.0 or not all(entry.is_random for entry in members_statistics):
             continue
         share, sigma = float(_OUTLIER_SHARES[best[0]]), float(_OUTLIER_SIGMAS[best[1]])
+        if all(entry.has_tail for entry in members_statistics):
+            channels = [one for entry in members_statistics for one in entry.channels]
+            share, sigma = _fit_beside_tail(channels, share, sigma)
         expected_outliers = max(share * count, 1.0)
         term = ModelTerm(BY_NAME[EFFECT_NAME](probability=share, sigma=sigma), scope)  # type: ignore[call-arg]
         sigmas = {
@@ -92,7 +109,7 @@ def find_spiky_channels(residual: Residual) -> list[tuple[int, int, float]]:
         return []
     spiky = []
     for channel in channels:
-        if np.max(_gain_table(residual, channel)) > _MIN_SPIKE_GAIN:
+        if np.max(_gain_table(channel)) > _MIN_SPIKE_GAIN:
             z = np.abs(channel.z)
             outliers = z[z > 6.0]
             if len(outliers):
@@ -102,10 +119,9 @@ def find_spiky_channels(residual: Residual) -> list[tuple[int, int, float]]:
 
 def _examine_node(residual: Residual) -> _NodeOutliers:
     channels = _standardise_channels(residual)
-    tables = [_gain_table(residual, one) for one in channels]
-    return _NodeOutliers(
-        tables, sum(len(one.z) for one in channels), _are_uniform(channels) and _are_isolated(channels)
-    )
+    tables = [_gain_table(one) for one in channels]
+    is_random = _are_uniform(channels) and _are_isolated(channels)
+    return _NodeOutliers(channels, tables, sum(len(one.z) for one in channels), is_random)
 
 
 def _standardise_channels(residual: Residual) -> list[_Channel]:
@@ -113,10 +129,15 @@ def _standardise_channels(residual: Residual) -> list[_Channel]:
     result = []
     for row in np.flatnonzero(residual.node.used).tolist():
         is_used = residual.noise.is_new & ~residual.node.is_saturated[row]
-        z = (remove_rounding(residual, row) / residual.noise.channel_sigma(row))[is_used]
+        noise = residual.noise.channel_sigma(row)
+        z = (remove_rounding(residual, row) / noise)[is_used]
         z = z - _neighbour_median(z)
         sigma = max(float(np.median(np.abs(z))) / 0.6745, 1e-9)
-        result.append(_Channel(row, z / sigma, sigma))
+        # Differences include the neighbours' noise, and noise differs from the declared one.
+        declared = (residual.declared_channel_sigma(row) / noise)[is_used] / sigma
+        groups = residual.noise.group_indices[is_used].astype(np.intp)
+        sizes = np.maximum(np.bincount(groups), 1)
+        result.append(_Channel(row, z / sigma, groups, np.bincount(groups, declared) / sizes))
     return result
 
 
@@ -142,28 +163,68 @@ def _are_isolated(channels: Sequence[_Channel]) -> bool:
     return bool(close < 3.0 * expected + 4.0 * np.sqrt(expected) + 4.0 + _MAX_CLOSE_SHARE * hits)
 
 
-def _gain_table(residual: Residual, one: _Channel) -> Array:
-    """Return the gain of ln likelihood of a channel, (40, 40), by outlier share and sigma."""
-    edges = np.concatenate([np.linspace(0.0, 6.0, 121), np.geomspace(6.2, 400.0, 100)])
-    counts, _ = np.histogram(np.minimum(np.abs(one.z), 399.0), edges)
-    middle = 0.5 * (edges[1:] + edges[:-1])
-    counts, middle = counts[counts > 0], middle[counts > 0]
-    # Likelihood of the noise alone, with a free scale.
-    scales = np.linspace(0.9, 1.3, 21)[:, None]
-    noise_only = float(np.max(np.sum(counts * (-0.5 * (middle / scales) ** 2 - np.log(scales)), axis=1)))
-    # Differences include the neighbours' noise, and noise may differ from the declared one.
-    declared = float(
-        np.mean(residual.declared_channel_sigma(one.row) / residual.noise.channel_sigma(one.row))
-    )
-    relative_sigma = _OUTLIER_SIGMAS * declared / one.sigma
+def _gain_table(one: _Channel) -> Array:
+    """Return the gain of ln likelihood of a channel, (40, 40), by outlier share and sigma.
+
+    Outliers have one size in units of the declared noise, so that in a quiet group they are many times as
+    wide as its noise, and in a rough one hardly wider.
+    """
     total = np.zeros((len(_OUTLIER_SHARES), len(_OUTLIER_SIGMAS)))
-    inverse_width = 1.0 / np.sqrt(1.0 + relative_sigma**2)
-    narrow = np.exp(-0.5 * middle**2)
-    for j, share in enumerate(inverse_width):
-        wide_density = share * np.exp(-0.5 * (middle * share) ** 2)
-        mixed = (1.0 - _OUTLIER_SHARES[:, None]) * narrow + _OUTLIER_SHARES[:, None] * wide_density
-        total[:, j] = np.log(np.maximum(mixed, 1e-300)) @ counts - noise_only
+    for z, counts, declared in _count_by_group(one):
+        total += _group_gains(z, counts, _OUTLIER_SIGMAS * declared)
     return total
+
+
+def _count_by_group(one: _Channel) -> Iterator[tuple[Array, Array, float]]:
+    """Yield |z|, how often it occurs, and the declared sigma in its unit, of each group of a channel."""
+    edges = np.concatenate([np.linspace(0.0, 6.0, 121), np.geomspace(6.2, 4000.0, 150)])
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    bins = np.minimum(np.searchsorted(edges, np.abs(one.z), "right") - 1, len(middle) - 1)
+    for group, declared in enumerate(one.declared_sigmas):
+        counts = np.bincount(bins[one.groups == group], minlength=len(middle))
+        if counts.any():
+            yield middle[counts > 0], counts[counts > 0].astype(float), float(declared)
+
+
+def _fit_beside_tail(channels: Sequence[_Channel], share: float, sigma: float) -> tuple[float, float]:
+    """Return share and sigma of the outliers, fitted together with the share of a tail of the noise.
+
+    share, sigma: to start with
+
+    On a road the noise varies within each second, so that its own tail would count as small outliers.
+    """
+    groups = [group for one in channels for group in _count_by_group(one)]
+    z, counts = (np.concatenate([group[k] for group in groups]) for k in (0, 1))
+    declared = np.repeat([group[2] for group in groups], [len(group[0]) for group in groups])
+    narrow, tail = np.exp(-0.5 * z**2), np.exp(-0.5 * (z / _TAIL_RATIO) ** 2) / _TAIL_RATIO
+
+    def loss(x: Array) -> float:
+        outliers, tail_share = expit(x[0]), expit(x[2])
+        variance = 1.0 + (np.exp(x[1]) * declared) ** 2
+        noise = (1.0 - tail_share) * narrow + tail_share * tail
+        density = (1.0 - outliers) * noise + outliers * np.exp(-0.5 * z**2 / variance) / np.sqrt(variance)
+        return -float(counts @ np.log(np.maximum(density, 1e-300)))
+
+    start = [logit(share), np.log(sigma), logit(_TAIL_SHARE)]
+    best = minimize(loss, start, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-2})
+    return float(expit(best.x[0])), float(np.exp(best.x[1]))
+
+
+def _group_gains(z: Array, counts: Array, outlier_sigmas: Array) -> Array:
+    """Return the gain of readings of one noise level, (40, 40), over noise alone with a free scale.
+
+    z, counts: (m,) absolute values and their numbers; outlier_sigmas: (40,), in the unit of `z`
+    """
+    scales = np.linspace(0.9, 1.3, 21)[:, None]
+    noise_only = float(np.max(np.sum(counts * (-0.5 * (z / scales) ** 2 - np.log(scales)), axis=1)))
+    gains = np.empty((len(_OUTLIER_SHARES), len(outlier_sigmas)))
+    inverse_width = 1.0 / np.sqrt(1.0 + outlier_sigmas**2)
+    narrow = np.exp(-0.5 * z**2)
+    for j, share in enumerate(inverse_width):
+        wide_density = share * np.exp(-0.5 * (z * share) ** 2)
+        mixed = (1.0 - _OUTLIER_SHARES[:, None]) * narrow + _OUTLIER_SHARES[:, None] * wide_density
+        gains[:, j] = np.log(np.maximum(mixed, 1e-300)) @ counts - noise_only
+    return gains
 
 
 def _neighbour_median(z: Array) -> Array:

@@ -21,21 +21,28 @@ class SpeedError:
 
     correction: (N,) m/s to be added to the measured speed
     correction_per_rate: (N,) m, change of the correction per rad/s of gyro error
+    angle: (N,) rad, wheel angle for which the error of the gyro was computed
     """
 
     correction: Array
     correction_per_rate: Array
+    angle: Array
 
 
 def compute_speed_error(
-    node: NodeData, effects: Mapping[type[Effect], Effect], is_only_source: bool
+    node: NodeData,
+    effects: Mapping[type[Effect], Effect],
+    is_only_source: bool,
+    phase_offset: Array | float = 0.0,
 ) -> SpeedError:
     """Return the error of the speed that a z gyro and the nominal radius give.
 
     is_only_source: True if no gyro on another wheel contributes to the speed
+    phase_offset: (N,) rad, wheel angle minus that of the measured motion: the direction of gravity decides
+        what an acceleration-sensitive gyro reads
     """
     mean_effects = [effect for effect in effects.values() if effect.visible_in == "mean"]
-    reading = node.forward.mean_reading(mean_effects, NodeInitialState())
+    reading = node.forward.mean_reading(mean_effects, NodeInitialState(), phase_offset)
     rolling, body = reading.rolling, reading.body
     assert rolling is not None
     nominal, side = node.forward.wheel_radius, 1.0 if node.mount.side == "left" else -1.0
@@ -50,13 +57,19 @@ def compute_speed_error(
         # The true sampling times of the gyro differ from its stamps.
         stamped = node.forward.inputs.at(node.t)
         error += stamped.speed - stamped.yaw_rate * y - contact
-    return SpeedError(error + body.yaw_rate * y if is_only_source else error, -facing * radius)
+    correction = error + body.yaw_rate * y if is_only_source else error
+    return SpeedError(correction, -facing * radius, rolling.angle)
 
 
-def build_measuring_chain(node: NodeData, effects: Mapping[type[Effect], Effect]) -> SensorChain:
-    """Return the input of a speed-measuring sensor for the motion as it was measured."""
+def build_measuring_chain(
+    node: NodeData, effects: Mapping[type[Effect], Effect], phase_offset: Array | float = 0.0
+) -> SensorChain:
+    """Return the input of a speed-measuring sensor for the motion as it was measured.
+
+    phase_offset: as in `compute_speed_error`
+    """
     mean_effects = [effect for effect in effects.values() if effect.visible_in == "mean"]
-    return node.forward.true_signals(mean_effects, NodeInitialState())[0]
+    return node.forward.true_signals(mean_effects, NodeInitialState(), phase_offset)[0]
 
 
 def average_speed_errors(sources: Sequence[NodeData], errors: Mapping[str, Array]) -> Array:

@@ -38,6 +38,8 @@ class State:
     phase_offsets: for each wheel node (N,) rad, the tracked wheel angle minus the angle integrated from the
         inputs
     stamp_delays: for each node (N,) s, the delay of its time stamps, if clocks are declared to differ
+    measured_offsets: for each wheel whose gyro measured the speed (N,) rad, the tracked wheel angle minus the
+        angle integrated from that speed as it was measured, before any correction
     has_steady_wheels: True if a trend of a wheel's phase is treated as an error of the model, not as random
         walk
     """
@@ -47,6 +49,7 @@ class State:
     starts: Mapping[str, NodeInitialState] = field(default_factory=dict)
     phase_offsets: Mapping[str, Array] = field(default_factory=dict)
     stamp_delays: Mapping[str, Array] = field(default_factory=dict)
+    measured_offsets: Mapping[str, Array] = field(default_factory=dict)
     has_steady_wheels: bool = False
 
     def with_terms(self, terms: Sequence[ModelTerm]) -> State:
@@ -69,7 +72,7 @@ class State:
 
         Values tracked with the old terms may be wrong for the new ones.
         """
-        return replace(self, terms=tuple(terms), phase_offsets={}, stamp_delays={})
+        return replace(self, terms=tuple(terms), phase_offsets={}, stamp_delays={}, measured_offsets={})
 
     def select(self, samples: Mapping[str, slice]) -> State:
         """Return a copy with some samples of each node; cached predictions are sliced."""
@@ -78,6 +81,7 @@ class State:
             problem=self.problem.select(samples),
             phase_offsets={name: offset[samples[name]] for name, offset in self.phase_offsets.items()},
             stamp_delays={name: delay[samples[name]] for name, delay in self.stamp_delays.items()},
+            measured_offsets={name: offset[samples[name]] for name, offset in self.measured_offsets.items()},
         )
         cache = selected.__dict__
         cache["effects"], cache["speed_correction"] = self.effects, self.speed_correction
@@ -125,7 +129,9 @@ class State:
     def _speed_errors(self, effects: Effects, names: Collection[str]) -> dict[str, SpeedError]:
         sources = self.problem.speed_source_nodes
         return {
-            node.name: compute_speed_error(node, effects[node.name], len(sources) == 1)
+            node.name: compute_speed_error(
+                node, effects[node.name], len(sources) == 1, self.measured_offsets.get(node.name, 0.0)
+            )
             for node in sources
             if node.name in names
         }

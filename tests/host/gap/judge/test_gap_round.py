@@ -89,27 +89,30 @@ def test_a_symmetric_stack_of_any_length_computes_like_full_matrices(count):
 
 
 @pytest.mark.parametrize(
-    ("name", "other_total", "shares"),
+    ("name", "delays", "other_total", "shares"),
     [
-        ("time_offset", 4000.0, (0.5, 0.5)),
-        ("time_offset", 2000.0, (1.0, 0.0)),
-        ("clock_skew", 4000.0, (1.0, 0.0)),
+        ("time_offset", (0.03,), 4000.0, (0.5, 0.5)),
+        ("time_offset", (-0.03,), 4000.0, (0.75, 0.25)),
+        ("time_offset", (-0.03,), 2000.0, (1.0, 0.0)),
+        ("clock_skew", (), 4000.0, (1.0, 0.0)),
     ],
 )
-def test_scopes_within_the_level_of_the_noise_share_the_probability(evaluation, name, other_total, shares):
-    """The level of 3,000 leaves a held-out gain of 1,350 in doubt."""
+def test_scopes_within_the_level_of_the_noise_share_the_probability(
+    evaluation, name, delays, other_total, shares
+):
+    """The level of 3,000 leaves a held-out gain of 1,350 in doubt; three of four clocks are late."""
     hypotheses = [
         Hypothesis(
-            ModelTerm(BY_NAME[effect](), node),
+            ModelTerm(BY_NAME[effect](*delay), node),
             total,
             1.0,
             probability,
             evaluation.state,
             held_out_gain=HeldOutGain(total, 1.0, 3000.0),
         )
-        for effect, node, total, probability in (
-            ("time_offset", "left", 4300.0, 1.0),
-            (name, "right", other_total, 0.0),
+        for effect, node, total, probability, delay in (
+            ("time_offset", "left", 4300.0, 1.0, (0.03,)),
+            (name, "right", other_total, 0.0, delays),
         )
     ]
     assert tuple(one.probability for one in share_between_scopes(hypotheses)) == shares

@@ -51,6 +51,25 @@ def test_the_gain_of_outliers_is_the_log_ratio_of_a_mixture_to_a_gaussian(seed):
     assert proposals[0].gain == pytest.approx(gain, rel=0.02)
 
 
+@pytest.mark.parametrize("share, sigma", [(0.01, 15.0), (0.005, 30.0)])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_outliers_have_one_size_on_a_road_whose_noise_varies(seed, share, sigma):
+    """Noise between a fifth and twice the declared one, and within each level a tail of its own."""
+    rng = np.random.default_rng(seed)
+    clean, _ = draw_readings(rng, 6000)
+    group = np.arange(6000) // 200 % 6
+    levels = np.geomspace(0.2, 2.0, 6)
+    spread = np.exp(0.4 * rng.standard_normal(6000))
+    y = clean + SIGMA * levels[group] * spread * rng.standard_normal(clean.shape)
+    y += (rng.random(y.shape) < share) * sigma * SIGMA * rng.standard_normal(y.shape)
+    residual = build_residual(y, clean)
+    noise = replace(residual.noise, group_sigmas=SIGMA * levels, group_indices=group.astype(np.uint8))
+    (proposal,) = detect_outliers([replace(residual, noise=noise)])
+    values = proposal.term.effect.values()
+    assert values["probability"] == pytest.approx(share, rel=0.2)
+    assert values["sigma"] == pytest.approx(sigma, rel=0.15)
+
+
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_single_outlier_leaves_probability_and_sigma_uncertain(seed):
     """Given one count, 1 sigma of a Poisson rate is the rate, that of a Gaussian sigma is sigma / sqrt(2).
