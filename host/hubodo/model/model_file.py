@@ -174,7 +174,7 @@ def read_model(path: Path) -> Model:
 
 @dataclass(frozen=True, slots=True)
 class _Imu:
-    """Return the noise of table `[imu]`: 1σ of one sample, in rad/s and m/s²."""
+    """Noise in table `[imu]`: 1σ of one sample, in rad/s and m/s²."""
 
     gyro_noise: float
     accel_noise: float

@@ -107,7 +107,7 @@ def inflate_outlier_variances(
 
 @dataclass
 class MountingCheck:
-    """Test which mounting of two nodes explains the yaw rate of their gyros.
+    """Test of which mounting of two nodes explains the yaw rate of their gyros.
 
     The gyros across the axle measure the same yaw rate whichever way a node faces; the wheels' speeds change
     sign with the facing and are exchanged with the side. A node on a steered wheel also measures the
@@ -126,10 +126,10 @@ class MountingCheck:
     track_regression : sums for the track width: squares of the yaw rate, and its product with the difference
     of the wheels' speeds.
     turned_angle : rad, sum of the magnitudes of all heading changes.
-    count : windows.
+    count : number of windows.
     verdict : sentence for the user, empty if there is none.
-    usable_side : side, +1 or -1, of the wheel that remains usable after a verdict; 0.0 for neither.
-    sides_swapped : True if that wheel is on the other side.
+    usable_side : side, +1 or -1, of the only wheel that remains in use; 0.0 if none is excluded.
+    sides_swapped : True if the usable wheel is in truth on the other side.
     other_wheel_steers : True if the other wheel may be steered.
     """
 

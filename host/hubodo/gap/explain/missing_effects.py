@@ -92,17 +92,17 @@ class MissingEffects:
 
     @property
     def before(self) -> float:
-        """Gap of the given model: rms residual in units of the declared noise."""
+        """Return the gap of the given model: rms residual in units of the declared noise."""
         return self.gap.before
 
     @property
     def after(self) -> float:
-        """Gap of the model with the detected effects; noise alone gives 1."""
+        """Return the gap of the model with the detected effects; noise alone gives 1."""
         return self.gap.after
 
     @property
     def failed(self) -> bool:
-        """True if `--scaffold` was given and no unexplained dependence was found."""
+        """Return True if `--scaffold` was given and no unexplained dependence was found."""
         return self.scaffold_name is not None and self.scaffold is None
 
     def as_json(self) -> dict[str, Any]:

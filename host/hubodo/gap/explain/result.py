@@ -87,7 +87,7 @@ class Finding:
 
     @property
     def belongs_to_drive(self) -> bool:
-        """True for an offset, a clock or the road: its value holds for this drive, not for the vehicle."""
+        """Return True for an offset, a clock or the road, whose value holds for this drive only."""
         return not self.effect.startswith(PREFIX) and BY_NAME[self.effect].varies_between_drives
 
     def as_json(self) -> dict[str, Any]:
