@@ -44,6 +44,9 @@ chip: setup          ## the firmware on an emulated Pico: losses, processor, hea
 power: setup         ## battery life: time awake on the emulated Pico, currents with their sources, two cells
 	$(BIN)/python tests/chip/power.py
 
+ble: setup           ## Bluetooth: losses, delay and capacity of two nodes by connection interval, MTU, PHY and loss; two minutes
+	$(BIN)/python tests/chip/ble.py
+
 BENCHES := decoder reading recording import filters hour fuse live allan gap web
 bench: setup         ## speed and memory compared with other packages in the same run; a table, and what has become slower
 	@missed=0; for name in $(BENCHES); do $(BIN)/python tests/bench/bench_$$name.py || missed=1; done; \

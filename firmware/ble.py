@@ -32,6 +32,8 @@ _DEFAULT_PACKET_BYTES = const(20)
 _MIN_PACKET_BYTES = const(61)
 """A handshake of the key needs 34, its requests up to 60."""
 _WINDOW = const(12)
+_MAX_IN_FLIGHT = const(14)
+"""The window and two packets of a handshake, for which a busy link has room as well."""
 _MAX_REQUESTS = const(8)
 _ADVERTISING_US = const(100000)
 _REFUSED_MS = const(5)
@@ -107,7 +109,7 @@ class BleLink(PacketLink):
         """Use the number of notifications that the host has received, two bytes."""
         if len(value) == 2:
             count = value[0] | value[1] << 8
-            if (self._sent - count & _COUNT_MASK) <= _WINDOW:
+            if (self._sent - count & _COUNT_MASK) <= _MAX_IN_FLIGHT:
                 self._subscribed = True
                 self._reported = count
                 self._progress_ms = ticks_ms()
@@ -157,10 +159,15 @@ class BleLink(PacketLink):
         return self._connection >= 0 and self._subscribed and self.packet_bytes >= _MIN_PACKET_BYTES
 
     def can_send(self):
-        return self.is_open() and self._in_flight() < _WINDOW and ticks_diff(ticks_ms(), self._retry_ms) >= 0
+        return self._has_room(_WINDOW)
+
+    def _has_room(self, limit):
+        if not self.is_open() or self._in_flight() >= limit:
+            return False
+        return ticks_diff(ticks_ms(), self._retry_ms) >= 0
 
     def send_packet(self, raw, at, size):
-        if not self.can_send():
+        if not self._has_room(_MAX_IN_FLIGHT):
             return False
         try:
             self._ble.gatts_notify(self._connection, self._frames, memoryview(raw)[at : at + size])

@@ -21,7 +21,7 @@ class PacketLink(Link):
         raise NotImplementedError
 
     def can_send(self):
-        """Return False while `send_packet` would refuse, so that no seal is computed in vain."""
+        """Return False while frames have to wait, so that no seal is computed in vain."""
         return True
 
     def send_packet(self, raw, at, size):
@@ -38,7 +38,7 @@ class PacketLink(Link):
     def _accept(self, raw, at, size):
         if size > self.packet_bytes:
             size = self.packet_bytes
-        return size if size and self.send_packet(raw, at, size) else 0
+        return size if size and self.can_send() and self.send_packet(raw, at, size) else 0
 
     def _byte(self):
         if self._at == self._end:
