@@ -136,8 +136,8 @@ def apply_calibration(
     """Apply a calibration to the nodes of a recording; nodes that it lacks stay unchanged.
 
     metadata, events, t_zero_ns: of the recording, for serials and power-on times; without them a node's
-        power-on is its first sample. Raises CalibrationError when the calibration is of a node with another
-        serial.
+    power-on is its first sample. Raises CalibrationError when the calibration is of a node with another
+    serial.
     """
     corrected, summaries, warnings = dict(nodes), {}, []
     known = tuple(events)

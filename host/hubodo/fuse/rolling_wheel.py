@@ -54,7 +54,7 @@ class WheelSpec:
 
 @dataclass(frozen=True, slots=True)
 class OdometryNoise:
-    """Sigmas from which the covariance grows, all 1 sigma.
+    """Noise and constant errors that make up the covariance, all 1 sigma.
 
     Attributes
     ----------

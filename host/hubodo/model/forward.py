@@ -29,7 +29,7 @@ class NodeInitialState:
     """Initial state of a node.
 
     wheel_angle: rad, at the start of the log. attitude: rad, rotation vector of a node on the body relative
-        to the body axes.
+    to the body axes.
     """
 
     wheel_angle: float = 0.0

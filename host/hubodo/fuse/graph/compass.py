@@ -63,7 +63,7 @@ class CompassAssessment:
 
     Attributes
     ----------
-    headings : with sigmas that cover their scatter and correlation; None where the compass is rejected.
+    headings : headings with sigmas that cover their scatter and correlation; None if the compass is rejected.
     constants : prior sigmas of the constants; those of iron and offset are adapted to the drive.
     warnings : one line each.
     """

@@ -33,7 +33,7 @@ class GraphResult:
     track : poses at the odometry's times, m east and north of `frame` (of the odometry's start without GNSS).
     from_start : the same, shifted to start at 0, 0, with sigmas of the displacement since.
     constants : estimates by the names of ConstantSigmas; gnss_delay is the total delay of the fixes.
-    frame : map frame, None without GNSS.
+    frame : map frame; None if there is no GNSS.
     fix_t : (M,) s of the usable fixes.
     fix_weight : (M,) weight of each fix, 0 to 1.
     sigma_growth : factor by which the sigmas of the fixes were inflated.
@@ -88,7 +88,7 @@ def build_result(
     """Return the result of a drive from a solution with all covariances.
 
     sigma_growth: factor by which the sigmas of the fixes were inflated. noise: noise of the odometry. shift:
-        s added to the times of the fixes.
+    s added to the times of the fixes.
     """
     odometry, graph = drive.odometry, drive.graph
     constant_sigma = np.sqrt(np.diag(solution.constants_covariance))

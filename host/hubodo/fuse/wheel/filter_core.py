@@ -74,8 +74,7 @@ class FilterCore(WindowProcessor):
         """Start at standstill.
 
         slips, outage_ends: results of a previous pass; None to detect slips, and to determine the ends of
-            outages.
-        smoothing: record smoothing terms.
+        outages. smoothing: record smoothing terms.
         """
         initial = initial_state(config)
         super().__init__(config, initial, slips, History(HISTORY_WINDOWS if slips is None else 1))
@@ -372,7 +371,7 @@ class FilterCore(WindowProcessor):
         """Restrict the wheels by the verdict of the mounting check.
 
         distrusted: side of the wheel, +1 or -1, or BOTH_WHEELS. Its errors may already be in the position,
-            whose covariance is inflated.
+        whose covariance is inflated.
         """
         check = self.mounting_check
         distance = 2.0 * max(abs(distance) for distance in check.wheel_distances)

@@ -125,7 +125,7 @@ class StandstillDetector:
         """Return the motion state at the end of this window.
 
         spin_bias: rad/s, bias of gz. across_bias: rad/s, bias of gx + i gy. sigma: rad/s, largest 1 sigma of
-            these.
+        these.
         """
         limits, margin = self.limits, 3.0 * sigma
         spin = window.spin / WINDOW_S - spin_bias

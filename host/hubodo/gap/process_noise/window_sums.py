@@ -220,7 +220,7 @@ def winsor_limits(z: Array) -> Array:
 
 
 def _winsor_limit(size: Array) -> float:
-    # If most are small, the median, which is slow, cannot matter.
+    # If most residuals are small, the lower bound applies, and the slow median is not needed.
     if 2 * np.count_nonzero(size <= _MIN_WINSOR_SIGMA / _WINSOR_MEDIANS) > len(size):
         return _MIN_WINSOR_SIGMA
     return max(_MIN_WINSOR_SIGMA, _WINSOR_MEDIANS * float(np.median(size)))

@@ -80,7 +80,7 @@ def draw_null_distribution(
 ) -> NullDistribution:
     """Draw the largest gain of all tests under random signs of blocks.
 
-    scores: (B, D) of each block along each direction, with everything fitted projected out
+    scores: (B, D) score of each block along each direction, with all fitted directions projected out
     """
     tests = [test for test in tests if test.degrees_of_freedom]
     if not tests:

@@ -59,12 +59,11 @@ def characterise_noise(
     """Compute the Allan deviation and the noise terms of one channel of a stationary sensor.
 
     t: (N,) s, strictly increasing. values: (N,) rad/s or m/s². turn: time that a maytagging table needs from
-        stop to stop, s. per_octave: averaging times per octave. temperature_step: a temperature step in the
-        record, if any; B, K and R are then not given, because they would measure the room. excluded: (start,
-        end)
-    of disturbances in s, treated as gaps. keep_all_samples: use every sample and assume no gaps, outliers
-    or disturbances (the plain deviation). node: name of the node. Raises InputError if the record is too
-    short, constant or not finite.
+    stop to stop, s. per_octave: averaging times per octave. temperature_step: a temperature step in the
+    record, if any; B, K and R are then not given, because they would measure the room. excluded: (start, end)
+    of disturbances in s, treated as gaps. keep_all_samples: use every sample and assume no gaps, outliers or
+    disturbances (the plain deviation). node: name of the node. Raises InputError if the record is too short,
+    constant or not finite.
     """
     record = grid_all_samples(t, values) if keep_all_samples else place_on_grid(t, values, excluded=excluded)
     count = len(record.values)

@@ -113,7 +113,7 @@ class RateBiasKalman:
     """A constant-gain Kalman filter of rate and bias of one gyro axis (eq. 10-12), sample by sample.
 
     gain: gain of eq. 9. dt: sample interval, s. rate, bias: initial values, rad/s. Raises ValueError for dt
-        <= 0.
+    <= 0.
     """
 
     __slots__ = ("_bias_at_zero", "_bias_share", "_decay", "_gain", "_rate_at_zero", "_rate_share", "_sum")

@@ -89,9 +89,8 @@ def choose_standstills(
     """Return the most probable set of standstills, with its odds.
 
     largest_rate: largest rate of the record, rad/s. latest_start: largest index at which a segment may start
-        and still
-    count as the beginning of the record. other_biases: rad/s, of the other gyro axes. log_evidence: log
-    likelihood of biases (M,) rad/s from gravity and Earth rate.
+    and still count as the beginning of the record. other_biases: rad/s, of the other gyro axes. log_evidence:
+    log likelihood of biases (M,) rad/s from gravity and Earth rate.
     """
     count = len(segments)
     none = np.zeros(count, bool)

@@ -64,7 +64,7 @@ def sufficient_statistics(
     """Return the sufficient statistics, summed over the pieces, at each point of the grid.
 
     mean: mean interval, s. scale: scale error of the gyro at which angles are evaluated. order: order of the
-        polynomial.
+    polynomial.
     """
     # Programmes repeat from record to record; with rounded times they share cached matrices.
     keys = [np.round(np.stack([p.start, p.end]) - p.start[0], 4).tobytes() for p in pieces]

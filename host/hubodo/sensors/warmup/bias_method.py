@@ -35,13 +35,13 @@ class BiasMethodChoice:
         chosen: "mean", "Kalman" or "RLS".
         why: reason for the choice, for the user.
         errors: rms held-out error by method, rad/s.
-        stretch: length of the predicted segment, s.
+        segment_duration: duration of the predicted segment, s.
     """
 
     chosen: str
     why: str
     errors: dict[str, float]
-    stretch: float
+    segment_duration: float
 
 
 def choose_bias_method(values: Array, dt: float) -> BiasMethodChoice | None:
@@ -95,7 +95,7 @@ def _run_rls(values: Array, width: int, factor: float) -> Array:
     return RecursiveLeastSquares(factor, bias=static).run(values) + static
 
 
-def _explain(chosen: str, rms: dict[str, float], stretch: float) -> str:
+def _explain(chosen: str, rms: dict[str, float], segment_duration: float) -> str:
     errors_text = ", ".join(f"{name} {math.degrees(value) * 3600.0:.3g}" for name, value in rms.items())
     reasons = {
         "mean": "no filter is significantly better, because they track noise",
@@ -103,4 +103,5 @@ def _explain(chosen: str, rms: dict[str, float], stretch: float) -> str:
         "RLS": "the bias drifts fast",
     }
     errors = f"held-out error, deg/h: {errors_text}"
-    return f"to predict the bias of the next {stretch:.3g} s use the {chosen}: {reasons[chosen]} ({errors})"
+    task = f"to predict the bias of the next {segment_duration:.3g} s"
+    return f"{task} use the {chosen}: {reasons[chosen]} ({errors})"
