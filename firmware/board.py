@@ -95,7 +95,7 @@ def _identity(name, link):
     from reset_cause import reset_cause
 
     kind, pins = board_of(name)
-    if link in ("udp", "ble") and kind in WITH_RADIO:
+    if link in "udp ble" and kind in WITH_RADIO:
         # The radio uses the pin of the battery.
         pins["battery"] = -1
     cause = reset_cause(name)

@@ -28,7 +28,10 @@ A module is loaded when its chip answers. MPU6050 accepts clones with any WHO_AM
 addresses come before it.
 """
 
-MAG_DRIVERS = (("drivers.lis3mdl", "LIS3MDL", (0x1E, 0x1C), 0x0F, (0x3D,)),)
+MAG_DRIVERS = (
+    ("drivers.lis3mdl", "LIS3MDL", (0x1E, 0x1C), 0x0F, (0x3D,)),
+    ("drivers.qmc5883l", "QMC5883L", (0x0D,), 0x0D, (0xFF,)),
+)
 
 _WITHOUT_POWER = (RESET_CAUSE_UNKNOWN, RESET_CAUSE_POWER_ON, RESET_CAUSE_BROWN_OUT)
 
@@ -46,7 +49,7 @@ def open_chips(parts, board, too_fast):
     if imu is None:
         parts.faults |= FAULT_WRONG_WHO_AM_I if parts.chips else FAULT_IMU_MISSING
     else:
-        _open_imu(parts, board, imu, s["fifo"] or s["link"] in ("udp", "ble") or too_fast)
+        _open_imu(parts, board, imu, s["fifo"] or s["link"] in "udp ble" or too_fast)
     mag = search(i2c, MAG_DRIVERS, parts.chips)
     if mag is not None:
         driver, address, who_am_i = mag

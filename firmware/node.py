@@ -300,12 +300,13 @@ def _run(board, link):
         node: Any = receiver.Receiver(board, link)
     else:
         node = Node(board, link)
-        sleeps = board.settings["link"] not in ("udp", "ble") and sys.platform == "rp2"
-        if sleeps and board.settings.get("park_after_s"):
+        settings = board.settings
+        # Of one string, as a tuple takes more heap.
+        if settings.get("park_after_s") and settings["link"] not in "udp ble" and sys.platform == "rp2":
             import parking
 
             node.slow = parking.Parking(node)
-        elif board.settings.get("rest_after_s"):
+        elif settings.get("rest_after_s"):
             import slow_sampling
 
             node.slow = slow_sampling.SlowSampling(node)

@@ -5,11 +5,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from chip_search import MAG_DRIVERS, search
 from drivers.lis3mdl import LIS3MDL
 from drivers.lsm6ds33 import LSM6DS33
 from drivers.mpu6050 import MPU6050
 from drivers.mpu9250 import MPU9250
 from drivers.nrf24 import Nrf24
+from drivers.qmc5883l import QMC5883L
 from emulated_bus import EmulatedBus
 
 from fakes.fake_port import PORT_TICKS
@@ -17,6 +19,7 @@ from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.chips.lis3mdl import Lis3mdl
 from hubodo.emulator.chips.lsm6ds33 import Lsm6ds33
 from hubodo.emulator.chips.mpu6050 import Mpu6050, Mpu6500
+from hubodo.emulator.chips.qmc5883l import Qmc5883l
 from hubodo.emulator.motion import StillMotion
 from hubowire.messages import Part
 from virtual_runs import unique_motion
@@ -109,6 +112,30 @@ def test_the_magnetometer_reads_all_axes_in_order(gauss, per_gauss):
     assert chip.read_into(words, 1) == 1
     assert words.tolist() == [0, *(pytest.approx(tesla * 1e4 * per_gauss, abs=0.51) for tesla in field), 0]
     assert chip.lsb_ft == pytest.approx(1e11 / per_gauss, rel=1e-7)
+
+
+@pytest.mark.parametrize(("gauss", "per_gauss"), [(2, 12000), (8, 3000)])
+@pytest.mark.parametrize("rate_hz", [10, 200])
+def test_the_qmc5883l_is_recognised_and_reads_all_axes_at_its_rate(gauss, per_gauss, rate_hz):
+    """The steps per gauss are those of QST's data sheet 1.0, table 2."""
+    field, chips = (21e-6, -4e-6, -43e-6), []
+    bus = EmulatedBus(Qmc5883l(StillMotion(field_tesla=field)))
+    driver, address, who_am_i = search(bus, MAG_DRIVERS, chips)
+    assert (driver, address, who_am_i, chips) == (QMC5883L, 0x0D, 0xFF, [])
+    chip = driver(bus, address, odr_hz=rate_hz, range_gauss=gauss)
+    words, samples = array("h", bytes(10)), 0
+    assert chip.read_into(words, 1) == 0 and chip.intact()
+    start_us = PORT_TICKS.now_us
+    while PORT_TICKS.now_us < start_us + 1_000_000:
+        samples += chip.read_into(words, 1)
+        PORT_TICKS.now_us += 1000
+    assert samples == pytest.approx(rate_hz, abs=1)
+    assert words.tolist() == [0, *(pytest.approx(tesla * 1e4 * per_gauss, abs=0.51) for tesla in field), 0]
+    assert chip.lsb_ft == pytest.approx(1e11 / per_gauss, rel=1e-7)
+    bus.writeto_mem(address, 0x0A, b"\x80")
+    assert not chip.intact(), "a reset is noticed"
+    chip.configure()
+    assert chip.intact()
 
 
 class EmulatedNrf24:

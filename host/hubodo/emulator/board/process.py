@@ -21,9 +21,8 @@ from hubodo.emulator.board.models import MODELS
 from hubodo.emulator.board.radio import RadioModule
 from hubodo.emulator.board.radio_medium import RadioMedium
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host, SensorBoard
-from hubodo.emulator.chips.catalogue import imu_by_name
+from hubodo.emulator.chips.catalogue import MAG_CHIPS, imu_by_name
 from hubodo.emulator.chips.faults import ScriptedFault, WrongWhoAmI
-from hubodo.emulator.chips.lis3mdl import Lis3mdl
 from hubodo.emulator.chips.registers import RegisterChip
 from hubodo.emulator.motion import Motion
 from hubodo.errors import HubodoError
@@ -57,7 +56,7 @@ def build_board(spec: NodeSpec) -> tuple[VirtualBoard, dict[str, RegisterChip]]:
     imu = imu_by_name(sensors.chip)(spec.motion, specimen)
     chips: dict[str, RegisterChip] = {"imu": imu}
     if sensors.magnetometer:
-        chips["mag"] = Lis3mdl(spec.motion, specimen)
+        chips["mag"] = MAG_CHIPS[sensors.magnetometer_chip](spec.motion, specimen)
     link: HostLink = (
         MemoryLink(host.script, host.read_pauses) if host.link == "memory" else PtyLink(host.path)
     )

@@ -41,7 +41,8 @@ class SensorBoard:
     Attributes
     ----------
     chip : name of the IMU, see `chips.catalogue`.
-    magnetometer : True if a LIS3MDL is on the bus as well.
+    magnetometer : True if a magnetometer is on the bus as well.
+    magnetometer_chip : its name, see `chips.catalogue`.
     specimen : deviations of the chips from their data sheets; seed and faults are set by the node, and
         register access is strict unless a chip has the identity of another one.
     wiring : wiring of the bus. "no_pull_ups": lines without pull-up resistors (or nothing connected); too
@@ -53,6 +54,7 @@ class SensorBoard:
 
     chip: str = "lsm6ds33"
     magnetometer: bool = True
+    magnetometer_chip: str = "lis3mdl"
     specimen: Specimen = field(default_factory=Specimen)
     wiring: Wiring = "good"
     log: bool = False

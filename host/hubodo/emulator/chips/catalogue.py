@@ -1,4 +1,4 @@
-"""Catalogue of the emulated IMUs; a new chip is one file in this folder and one line here."""
+"""Catalogue of the emulated IMUs and magnetometers; a new chip is one file in this folder, one line here."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from hubodo.emulator.chips.bmi270 import Bmi270
 from hubodo.emulator.chips.icm20948 import Icm20948
 from hubodo.emulator.chips.icm42688 import Icm42688
 from hubodo.emulator.chips.imu import Imu, Specimen
+from hubodo.emulator.chips.lis3mdl import Lis3mdl
 from hubodo.emulator.chips.lsm6ds33 import Lsm6ds33
 from hubodo.emulator.chips.lsm6dso import Lsm6dso, Lsm6dsr
 from hubodo.emulator.chips.mpu6050 import Mpu6050, Mpu6500, Mpu9250
+from hubodo.emulator.chips.qmc5883l import Qmc5883l
 from hubodo.emulator.motion import Motion
 
 
@@ -44,3 +46,6 @@ def imu_by_name(name: str) -> ImuKind:
     raise ValueError(
         f"no emulated IMU {name!r}; choose from {', '.join(kind.chip_name for kind in IMU_CHIPS)}"
     )
+
+
+MAG_CHIPS: dict[str, type[Lis3mdl | Qmc5883l]] = {"lis3mdl": Lis3mdl, "qmc5883l": Qmc5883l}

@@ -1,4 +1,4 @@
-"""IMUs that a node reports without a `Part`: name and data-sheet noise by WHO_AM_I."""
+"""Chips that a node reports without a `Part`: name by identity, and of IMUs the data-sheet noise."""
 
 from __future__ import annotations
 
@@ -22,3 +22,6 @@ IMU_BY_WHO_AM_I = {
     0x24: ImuChip("BMI270", 7.0, 160.0),
 }
 """Chips by WHO_AM_I, without a code of their own in `Part`, which is part of the wire format."""
+
+MAG_BY_IDENTITY = {(0x0D, 0xFF): "QMC5883L"}
+"""Magnetometers by address and identity."""

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import IntEnum
 
-from hubodo.ingest.node.chip_identities import IMU_BY_WHO_AM_I
+from hubodo.ingest.node.chip_identities import IMU_BY_WHO_AM_I, MAG_BY_IDENTITY
 from hubowire.messages import Hello, Part
 
 
 def hello_metadata(hello: Hello) -> dict[str, str]:
     """Return the fields of a Hello as text for the log metadata."""
-    parts = [f"0x{at:02x} who_am_i 0x{who:02x} {_part_name(part, who)}" for at, who, part in hello.parts]
+    parts = [f"0x{at:02x} who_am_i 0x{who:02x} {_part_name(at, who, part)}" for at, who, part in hello.parts]
     return {
         "fingerprint": f"{hello.fingerprint:08x}",
         "firmware": ".".join(map(str, hello.firmware)),
@@ -42,8 +42,8 @@ def code_name(codes: type[IntEnum], number: int) -> str:
     return codes(number).name.lower() if number in set(codes) else str(number)
 
 
-def _part_name(number: int, who_am_i: int) -> str:
+def _part_name(address: int, who_am_i: int, number: int) -> str:
     if number in set(Part):
         return Part(number).name
     chip = IMU_BY_WHO_AM_I.get(who_am_i)
-    return "unknown" if chip is None else chip.name
+    return MAG_BY_IDENTITY.get((address, who_am_i), "unknown") if chip is None else chip.name
