@@ -1,13 +1,15 @@
 """A ROS 2 subscriber in its own process: types written by hand from the ROS IDL, not from our definitions.
 
-    python tests/fakes/ros2_subscriber.py DOMAIN SECONDS
+    python tests/fakes/ros2_subscriber.py DOMAIN
 
-Prints what it received as one JSON object. The participant uses the loopback interface, as
-rmw_cyclonedds does with ROS_LOCALHOST_ONLY=1, and the quality of service of robot_localization and tf2.
+Prints `received` once it has received `EXPECTED`, and, after a line on the standard input, all that it
+received as one JSON object. The participant uses the loopback interface, as rmw_cyclonedds does with
+ROS_LOCALHOST_ONLY=1, and the quality of service of robot_localization and tf2.
 """
 
 import json
 import sys
+import threading
 import time
 from dataclasses import dataclass
 
@@ -175,6 +177,10 @@ TOPICS = {
 }
 
 
+EXPECTED = {"rt/odom": 260, "rt/tf": 260, "rt/left/imu": 110, "rt/diagnostics": 3}
+"""Number of messages by topic."""
+
+
 def plain(value):
     """Return a message as dictionaries and lists."""
     if isinstance(value, IdlStruct):
@@ -183,7 +189,9 @@ def plain(value):
 
 
 def main():
-    domain, seconds = int(sys.argv[1]), float(sys.argv[2])
+    domain = int(sys.argv[1])
+    ending = threading.Event()
+    threading.Thread(target=lambda: (sys.stdin.readline(), ending.set()), daemon=True).start()
     held = Domain(domain, CONFIG)
     participant = DomainParticipant(domain)
     readers = {
@@ -193,8 +201,11 @@ def main():
     publications = BuiltinDataReader(participant, BuiltinTopicDcpsPublication)
     print("ready", flush=True)
     received = {name: [] for name in TOPICS}
-    writers, end = {}, time.monotonic() + seconds
-    while time.monotonic() < end:
+    writers, is_reported = {}, False
+    while not ending.is_set():
+        if not is_reported and all(len(received[name]) >= count for name, count in EXPECTED.items()):
+            is_reported = True
+            print("received", flush=True)
         for name, reader in readers.items():
             now = time.time()
             received[name] += [

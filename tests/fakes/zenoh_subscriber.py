@@ -2,9 +2,9 @@
 
     python tests/fakes/zenoh_subscriber.py PORT
 
-After a line on the standard input it prints what it received as one JSON object: keys, payloads as
-hexadecimal text, attachments and tokens. The
-router takes the place of rmw_zenohd.
+It prints `received` once it has received `EXPECTED` messages. After a line on the standard input it prints
+what it received as one JSON object: keys, payloads as hexadecimal text, attachments and tokens. The router
+takes the place of rmw_zenohd.
 """
 
 import json
@@ -12,6 +12,8 @@ import sys
 import time
 
 import zenoh
+
+EXPECTED = 201
 
 
 def router_config(port):
@@ -33,6 +35,8 @@ def main():
         def note_message(sample):
             attachment = sample.attachment.to_bytes().hex() if sample.attachment else ""
             messages.append([str(sample.key_expr), sample.payload.to_bytes().hex(), attachment])
+            if len(messages) == EXPECTED:
+                print("received", flush=True)
 
         session.declare_subscriber("*/odom/**", note_message)
         session.liveliness().declare_subscriber(

@@ -20,6 +20,8 @@ SENSOR_DATA = QosProfile(is_reliable=False, is_transient_local=False, depth=5)
 """`rmw_qos_profile_sensor_data`: lost messages are not repeated."""
 RELIABLE = QosProfile(is_reliable=True, is_transient_local=False, depth=10)
 """`rmw_qos_profile_default`, which subscribers of either kind of reliability accept."""
+MOTION = QosProfile(is_reliable=True, is_transient_local=False, depth=100)
+"""Odometry and frames, as `tf2_ros` publishes them: a subscriber may fall a quarter of a second behind."""
 LATCHED = QosProfile(is_reliable=True, is_transient_local=True, depth=1)
 """For /tf_static: a subscriber that joins later receives the last message."""
 
@@ -38,6 +40,8 @@ def topic_qos(topic: str, message_type: str) -> QosProfile:
     """Return the quality of service that ROS 2 expects of a topic."""
     if topic == topics.TF_STATIC:
         return LATCHED
+    if message_type in (ros2.ODOMETRY, ros2.TF):
+        return MOTION
     return SENSOR_DATA if message_type in _SENSOR_TYPES else RELIABLE
 
 

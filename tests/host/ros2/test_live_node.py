@@ -1,60 +1,34 @@
 """A recording as a ROS 2 node over DDS, received by another process whose types were written by hand."""
 
-import json
 import os
-import subprocess
-import sys
 import threading
 import time
-from contextlib import ExitStack
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import wanted
-from fakes.fake_node import FakeNode
-from generators.fake_drive import VEHICLE_TOML, raw_rows, short_drive
 from hubodo.ingest.live.bulkheads import Bulkheads
 from hubodo.ingest.live.computer import ThisComputer
 from hubodo.log import ros2
 from hubodo.log.recording_reader import open_log, read_recording
 from hubodo.log.records import Odometry
-from in_process import hubodo
+from hubodo.ros2.config import Ros2Config, complete_config
+from live_rides import OtherProcess, record_ride
 
 wanted.module("cyclonedds")
-TESTS = Path(__file__).resolve().parents[2]
 DOMAIN = 100 + os.getpid() % 100
-SECONDS = 3.0
 
 pytestmark = pytest.mark.real_time
 
 
-def start_subscriber(seconds):
-    """Start the other process; return it once it listens."""
-    command = [sys.executable, str(TESTS / "fakes/ros2_subscriber.py"), str(DOMAIN), str(seconds)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    assert process.stdout.readline() == "ready\n"
-    return process
-
-
 @pytest.fixture(scope="module")
 def ride(tmp_path_factory):
-    """A recorded drive of two nodes: folder, result of the verb, and what the other process received."""
-    folder, drive = tmp_path_factory.mktemp("ride"), short_drive(5)
-    (folder / "vehicle.toml").write_text(VEHICLE_TOML)
-    with ExitStack() as stack, pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROS_DOMAIN_ID", str(DOMAIN))
-        subscriber = start_subscriber(SECONDS + 1.0)
-        nodes = {
-            name: stack.enter_context(FakeNode(node_id=number, rows=raw_rows(drive, name)))
-            for number, name in ((1, "left"), (2, "right"))
-        }
-        ports = [f"{name}={node.path}" for name, node in nodes.items()]
-        options = ("--vehicle", folder / "vehicle.toml", "--duration", SECONDS, "--ros2", "--quiet", "--json")
-        done = hubodo("record", *ports, "-o", folder / "ride.mcap", *options)
-        assert done.code == 0, done.err
-        return folder, json.loads(done.out), json.loads(subscriber.communicate()[0])
+    """A recorded drive of two nodes: folder, result, and what the other process received."""
+    folder, subscriber = tmp_path_factory.mktemp("ride"), OtherProcess("ros2_subscriber.py", DOMAIN)
+    config = complete_config(Ros2Config(publish="dds", domain=DOMAIN))
+    result = record_ride(folder, config, subscriber.has_received)
+    return folder, result, subscriber.result()
 
 
 def stamp_ns(message):
