@@ -19,8 +19,9 @@ def read_private(path: Path, secret: str, encoding: str = "utf-8") -> str:
     Raises
     ------
     InputError
-        If others can read the file; the message quotes nothing of the content. OSError, UnicodeDecodeError
-    If the file cannot be read.
+        If others can read the file; the message quotes nothing of the content.
+    OSError, UnicodeDecodeError
+        If the file cannot be read.
     """
     with path.open(encoding=encoding) as file:
         _refuse_shared(path, file.fileno(), secret)
@@ -34,8 +35,8 @@ def check_private(path: Path, secret: str) -> None:
 
 
 def _refuse_shared(path: Path, descriptor: int, secret: str) -> None:
-    # Test the open file, not its name, which another file could take in between.
     """Raise InputError if anyone but the owner can read an open file."""
+    # Test the open file, not its name, which another file could take in between.
     mode = os.fstat(descriptor).st_mode
     if stat.S_IMODE(mode) & 0o077 and os.name == "posix":
         raise InputError(f"{path}: others can read {secret}; run chmod 600 {path}")

@@ -61,7 +61,7 @@ def service_hash(service_type: str) -> str:
 
 
 def _member(name: str, nested_name: str, *, is_optional: bool = False) -> dict[str, Any]:
-    """Return the description of a field that is a message; is_optional: a sequence of one at most."""
+    """Return the description of a field that is a message; is_optional: as a sequence of at most one."""
     field_type = {
         "type_id": _NESTED_TYPE + (_BOUNDED_SEQUENCE if is_optional else 0),
         "capacity": int(is_optional),

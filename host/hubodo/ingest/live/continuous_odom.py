@@ -1,7 +1,7 @@
 """Continuous odometry: corrections of the filter are slewed, so that /odom does not jump (ROS REP 105).
 
-Between two poses /odom moves with the filter's speed and yaw rate. What the filter's pose changed beyond
-that, at a stop, after a slip or an outage, is a correction, and is added at a limited rate. Without a
+Between two poses /odom moves with the filter's speed and yaw rate. Any further change of the filter's pose,
+at a stop, after a slip or an outage, is a correction, and is added at a limited rate. Without a
 correction the pose of the filter is published unchanged.
 
 A pose that a user sets is a rigid transform from the frame of the filter to the frame as published. The
@@ -50,9 +50,10 @@ class _SetPose:
         position = self.position + turned
         return position.real, position.imag, heading + self.rotation
 
-    def propagate(self, x: float, y: float, grown: Array) -> Array:
-        """Return the covariance (5, 5) at a published position; grown: of the filter since the pose was set.
+    def propagate(self, x: float, y: float, filter_covariance: Array) -> Array:
+        """Return the covariance (5, 5) at a published position.
 
+        filter_covariance: (5, 5) of the filter, whose pose is exact when the pose is set.
         The heading error at that time displaces the vehicle across its distance from there.
         """
         turn = np.eye(5)
@@ -60,7 +61,7 @@ class _SetPose:
         turn[:2, :2] = [[cosine, -sine], [sine, cosine]]
         lever = np.eye(3)
         lever[:2, 2] = self.position.imag - y, x - self.position.real
-        covariance = turn @ grown @ turn.T
+        covariance = turn @ filter_covariance @ turn.T
         covariance[:3, :3] += lever @ self.covariance @ lever.T
         return covariance
 
@@ -101,7 +102,7 @@ class ContinuousOdom:
         return self.x, self.y, self.heading
 
     def set_pose(self, x: float, y: float, heading: float, covariance: Array) -> None:
-        """Move the newest published pose there, at once; covariance: (3, 3) of x, y, heading in m and rad."""
+        """Make this the newest published pose, at once; covariance: (3, 3) of x, y, heading in m and rad."""
         self._set_pose = _SetPose(complex(x, y), heading, covariance, *self._filter_pose)
         self._offset = (0j, 0.0)
         self.x, self.y, self.heading = x, y, heading
