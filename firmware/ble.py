@@ -26,11 +26,11 @@ _WRITE_NO_RESPONSE = const(0x04)
 _WRITE = const(0x08)
 _NOTIFY = const(0x10)
 _MTU = const(247)
-"""Its packets fit one packet of the link layer, with the extension of Bluetooth 4.2."""
+"""A notification of this size fits one packet of the link layer, with the extension of Bluetooth 4.2."""
 _ATT_HEADER_BYTES = const(3)
 _DEFAULT_PACKET_BYTES = const(20)
 _MIN_PACKET_BYTES = const(61)
-"""A handshake of the key needs 34, its requests up to 60."""
+"""The handshake of the key takes up to 34 bytes, a sealed request up to 60."""
 _WINDOW = const(12)
 _MAX_IN_FLIGHT = const(14)
 """The window and two packets of a handshake, for which a busy link has room as well."""
@@ -39,7 +39,7 @@ _ADVERTISING_US = const(100000)
 _REFUSED_MS = const(5)
 _SILENT_MS = const(5000)
 _MIN_FREE_HEAP = const(8192)
-"""A Pico W stores up to nine notifications of its window there, which is 2.6 kB."""
+"""Bytes. A Pico W stores up to nine notifications of the window there, 2.6 kB."""
 _COUNT_MASK = const(0xFFFF)
 
 
@@ -75,7 +75,8 @@ class BleLink(PacketLink):
         ble.gatts_set_buffer(self._writes, _MTU - _ATT_HEADER_BYTES)
         name = "hubodo-%d-%s" % (settings["node_id"], bytes(machine.unique_id())[-2:].hex())
         ble.config(gap_name=name)
-        # Flags: general discovery, no classic Bluetooth; the service; in the response to a scan the name.
+        # Advertised are flags (general discovery, no classic Bluetooth) and the service; the name in the
+        # response to a scan.
         self._advertised = b"\x02\x01\x06\x11\x07" + bytes(uuids[0])
         self._response = bytes((len(name) + 1, 9)) + name.encode()
         self._advertise()
@@ -106,7 +107,7 @@ class BleLink(PacketLink):
                 self.reader.damaged += 1
 
     def _on_report(self, value):
-        """Use the number of notifications that the host has received, two bytes."""
+        """Handle the report of the number of notifications that the host has received, two bytes."""
         if len(value) == 2:
             count = value[0] | value[1] << 8
             if (self._sent - count & _COUNT_MASK) <= _MAX_IN_FLIGHT:
@@ -141,7 +142,7 @@ class BleLink(PacketLink):
         elif self._subscribed and not self._in_flight():
             self._progress_ms = ticks_ms()
         elif ticks_diff(ticks_ms(), self._progress_ms) >= _SILENT_MS:
-            # It does not read frames: another host may.
+            # This host does not read frames; another one may.
             self.drop()
 
     def close(self):
@@ -152,7 +153,7 @@ class BleLink(PacketLink):
             try:
                 self._ble.gap_disconnect(self._connection)
             except OSError:
-                # It is lost already.
+                # The connection is lost already.
                 pass
 
     def is_open(self):

@@ -40,13 +40,13 @@ class PseudoInit(BiasInitialiser):
 
     Its sigma is that of the filter, inflated where innovations exceed theirs (vibration), plus
     `gyro_scale_sigma_ppm` times the mean rate: a constant error, which averaging does not reduce.
-
-    At standstill `StaticInit` refuses a wheel that turns; the filter starts at the mean of the first interval
-    with its noise as sigma (from an initial error d it would need (d / s)^2 intervals to converge). On a
-    table it starts at the present bias with `bias_sigma_udps`; an error d across the axis of rotation appears
-    along it as d^2 / (2 |w|).
     clock: a SampleClock, for its `period_ns`.
     """
+
+    # At standstill `StaticInit` refuses a wheel that turns; the filter starts at the mean of the first
+    # interval with its noise as sigma (from an initial error d it needs (d / s)^2 intervals to converge).
+    # On a table it starts at the present bias with `bias_sigma_udps`; an error d across the axis of rotation
+    # appears along it as d^2 / (2 |w|).
 
     def __init__(self, kind, settings, clock):
         super().__init__()

@@ -34,7 +34,7 @@ _MAX_COUNT = const(1 << 29)
 """Packets per session; then a new session begins."""
 _REOPEN_MS = const(2500)
 _STRANGER_MS = const(12500)
-"""A connection without a valid packet for this time is ended, less the above for its first one."""
+"""A connection without a valid packet for this time is ended; a new one _REOPEN_MS earlier."""
 
 
 TYPE_CHECKING = False

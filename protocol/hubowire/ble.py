@@ -11,9 +11,9 @@ REPORTS_UUID = "670ba625-1817-4787-999a-e477d2888609"
 """Characteristic to which the host writes how many notifications it has received."""
 
 WINDOW = 12
-"""Notifications that a node sends beyond those that the host has reported."""
+"""Notifications that a node sends beyond those that the host has reported as received."""
 REPORT_INTERVAL = 4
-"""Notifications after which a host reports."""
+"""Number of notifications after which a host reports."""
 NAME_PREFIX = "hubodo-"
 
 

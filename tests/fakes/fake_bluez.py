@@ -29,7 +29,7 @@ _WRITE_HEADER_BYTES = 3
 
 
 class FakeBlueZ:
-    """One powered adapter on an air; `powered` False: switched off."""
+    """One adapter on an air; `powered`: False if it is switched off."""
 
     def __init__(self, air, monkeypatch):
         self.air, self.powered = air, True
@@ -46,7 +46,7 @@ class FakeBlueZ:
         return type(its_type.__name__, (its_type,), {"adapter": self})
 
     async def _power_on(self):
-        _, self.central = self.air.device("F0:00:00:00:00:01", "host")
+        _, self.central = self.air.create_device("F0:00:00:00:00:01", "host")
         await self.central.power_on()
 
     async def call(self, coroutine):

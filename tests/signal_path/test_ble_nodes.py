@@ -27,7 +27,7 @@ def test_two_nodes_are_recorded_through_an_outage_and_what_it_cost_is_counted(tm
     ring = KeyRing(tmp_path / "keys.toml", create=True)
     air = BleAir(BleConditions(interval=0.03, loss=0.02, outages=(OUTAGE,)), seed=3)
     FakeBlueZ(air, monkeypatch)
-    medium = RadioMedium(open_bluetooth=lambda mac, port: BlePeripheral(air, mac, port))
+    medium = RadioMedium(open_bluetooth=lambda mac, platform: BlePeripheral(air, mac, platform))
     nodes = [
         VirtualNode(
             unique_motion(60),

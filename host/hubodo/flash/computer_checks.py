@@ -141,7 +141,7 @@ def _interfering_programs(computer: HostComputer) -> Iterator[ComputerCheck]:
 
 
 def _bluetooth(computer: HostComputer) -> Iterator[ComputerCheck]:
-    """Check adapter, service and rights for nodes by Bluetooth; nothing for who uses neither."""
+    """Check adapter, service and rights for nodes by Bluetooth, where there is an adapter or bleak."""
     installed = computer.has_package("bleak")
     if not computer.is_linux:
         if installed:

@@ -123,7 +123,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "port",
         metavar="PORT",
-        help="/dev/..., USB serial number, socket://HOST:PORT (connect) or udp://HOST:PORT (listen) or ble://NAME",
+        help="/dev/..., USB serial number, socket://HOST:PORT (connect), udp://HOST:PORT (listen) or ble://NAME",
     )
     parser.add_argument(
         "action",

@@ -40,7 +40,7 @@ def connect(radio, mtu=247):
     call(radio, BleCall.ADVERTISE, struct.pack("<IB", 100_000, 3) + b"\2\1\6")
 
     async def host():
-        _, device = air.device("F0:00:00:00:00:01", "host")
+        _, device = air.create_device("F0:00:00:00:00:01", "host")
         await device.power_on()
         await device.connect(radio._address)
 
@@ -65,7 +65,7 @@ def test_without_room_one_port_refuses_and_the_other_stores_on_the_heap(radio):
     prefix = connect(radio)
     statuses = [call(radio, BleCall.NOTIFY, prefix + bytes(20), t=1.0)[0] for _ in range(20)]
     counts = radio._air.counts
-    if radio._port == "esp32":
+    if radio._platform == "esp32":
         assert statuses.count(-ENOMEM) == counts["refused"] == 20 - ROOM_PACKETS["esp32"]
     else:
         assert statuses == [0] * 20 and counts["stored on heap, most"] == 20 - ROOM_PACKETS["rp2"]

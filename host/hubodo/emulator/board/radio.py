@@ -16,9 +16,9 @@ class RadioModule:
     Times are in ns.
     """
 
-    def __init__(self, medium: RadioMedium, mac: bytes, port: str) -> None:
+    def __init__(self, medium: RadioMedium, mac: bytes, platform: str) -> None:
         self._medium = medium
-        self._bluetooth = None if medium.open_bluetooth is None else medium.open_bluetooth(mac, port)
+        self._bluetooth = None if medium.open_bluetooth is None else medium.open_bluetooth(mac, platform)
         self.chip = Nrf24(medium)
         self._espnow = EspNow(medium, mac)
         medium.add_board(self)
@@ -48,7 +48,7 @@ class RadioModule:
         return self._medium.run_in_order(self, t, lambda: self._espnow.handle_call(t, request))
 
     def call_bluetooth(self, t: float, request: bytes) -> tuple[int, bytes]:
-        """Handle a call of Bluetooth; return status and result."""
+        """Handle a call of the module bluetooth; return status and result."""
         bluetooth = self._bluetooth
         if bluetooth is None:
             return -ENODEV, b""

@@ -29,8 +29,8 @@ class RadioMedium:
 
     A board declares with `advance` that it does nothing before a time. `run_in_order` waits until all other
     boards have advanced to that time, runs the events scheduled before it, and then performs the action.
-    `counts`: packets and losses, by kind. open_bluetooth: returns the Bluetooth radio of a board by its
-    address and port; see `chips.ble_peripheral`.
+    `counts`: packets and losses, by kind. open_bluetooth: returns the Bluetooth radio of a board for
+    its address and platform; see `chips.ble_peripheral`.
     """
 
     def __init__(

@@ -21,9 +21,11 @@ from bumble.controller import Controller
 from bumble.link import LocalLink
 
 _IFS_S = 150e-6
+"""Space between two packets of a connection event."""
 _GUARD_S = 150e-6
-"""Between the events of two connections."""
+"""Space between the events of two connections."""
 _BYTE_S = {1: 8e-6, 2: 4e-6}
+"""Air time of a byte, by PHY."""
 _LL_OVERHEAD_BYTES = {1: 10, 2: 11}
 """Preamble, access address, header and CRC, by PHY."""
 MAX_PIECE_BYTES = 251
@@ -116,7 +118,7 @@ class _Direction:
 
 
 class _PacedConnection:
-    """The connection events of a central and a peripheral."""
+    """The connection events of a central and a peripheral; `down`, `up`: packets of either."""
 
     def __init__(self, link: PacedLink, central: Controller, peripheral: Controller, slot: int) -> None:
         self._link, self._central, self._peripheral = link, central, peripheral
@@ -134,7 +136,7 @@ class _PacedConnection:
         if self.closed:
             return
         if not self._is_up():
-            link.close(self, None)
+            link.remove_connection(self, None)
             return
         used, available = 0.0, conditions.interval / conditions.slots - _GUARD_S
         while True:
@@ -146,7 +148,7 @@ class _PacedConnection:
             if used + exchange > available and used:
                 break
             used += exchange
-            if self._is_lost(self._anchor + used):
+            if self._draw_loss(self._anchor + used):
                 break
             self._received_at = self._anchor + used
             for direction in (self.down, self.up):
@@ -158,7 +160,7 @@ class _PacedConnection:
             if not self.down.pieces and not self.up.pieces:
                 break
         if self._anchor - self._received_at > conditions.supervision_timeout:
-            link.close(self, hci.HCI_ErrorCode.CONNECTION_TIMEOUT_ERROR)
+            link.remove_connection(self, hci.HCI_ErrorCode.CONNECTION_TIMEOUT_ERROR)
             return
         self._anchor += conditions.interval
         loop.call_at(self._anchor, self._run_event)
@@ -171,8 +173,8 @@ class _PacedConnection:
             or central.random_address in peripheral.le_connections
         )
 
-    def _is_lost(self, t: float) -> bool:
-        """Draw whether one packet of an exchange is lost; count it."""
+    def _draw_loss(self, t: float) -> bool:
+        """Return True if a packet of an exchange is lost, by chance or out of reach; count both."""
         link = self._link
         if {self._central, self._peripheral} - link.controllers or link.conditions.is_out(t):
             return True
@@ -182,7 +184,7 @@ class _PacedConnection:
         link.counts["exchanges lost"] += lost
         return lost
 
-    def terminate(self, reason: int) -> None:
+    def report_loss(self, reason: int) -> None:
         """Report the loss of the connection to both sides that still have it."""
         for one, other in ((self._central, self._peripheral), (self._peripheral, self._central)):
             connection = one.le_connections.get(other.random_address)
@@ -213,9 +215,9 @@ class PacedLink(LocalLink):
             return
         is_central = connection.role == hci.Role.CENTRAL
         paced = (
-            self._paced(sender_controller, receiver)
+            self._paced_connection(sender_controller, receiver)
             if is_central
-            else self._paced(receiver, sender_controller)
+            else self._paced_connection(receiver, sender_controller)
         )
         source = connection.self_address
         (paced.down if is_central else paced.up).add(
@@ -243,7 +245,7 @@ class PacedLink(LocalLink):
                     response = replace(packet, data=bytes(one.scan_response_data))
                     super().send_advertising_pdu(sender_controller, response)
 
-    def close(self, paced: _PacedConnection, reason: int | None) -> None:
+    def remove_connection(self, paced: _PacedConnection, reason: int | None) -> None:
         """Remove a connection; with a reason, both sides learn that it is lost."""
         paced.closed = True
         for key, value in list(self._connections.items()):
@@ -251,9 +253,10 @@ class PacedLink(LocalLink):
                 del self._connections[key]
         if reason is not None:
             self.counts["connections lost"] += 1
-            paced.terminate(reason)
+            paced.report_loss(reason)
 
-    def _paced(self, central: Controller, peripheral: Controller) -> _PacedConnection:
+    def _paced_connection(self, central: Controller, peripheral: Controller) -> _PacedConnection:
+        """Return the connection of both, which begins with its first packet."""
         key = frozenset({str(central.random_address), str(peripheral.random_address)})
         if key not in self._connections:
             self._connections[key] = _PacedConnection(self, central, peripheral, self._slots)

@@ -29,7 +29,7 @@ ROOM_PACKETS = {"rp2": 3, "esp32": 12}
 _MAX_EVENT_BYTES = 4096
 _UUID_BYTES = 16
 _STEPS_TO_QUEUE = 4
-"""Steps of the loop from a notification to the queue of its controller."""
+"""Steps of the loop until a notification is in the queue of its controller."""
 
 
 class BleCall(IntEnum):
@@ -61,8 +61,8 @@ class BleAir:
         self.link = PacedLink(conditions, Random(seed))
         self.counts: Counter[str] = self.link.counts
 
-    def device(self, address: str, name: str) -> tuple[Controller, Device]:
-        """Return a controller on the air, and a stack of bumble on it."""
+    def create_device(self, address: str, name: str) -> tuple[Controller, Device]:
+        """Create a controller on the air, and a stack of bumble on it."""
         controller = Controller(name, link=self.link)
         device = Device(
             name=name, address=hci.Address(address), host=Host(controller, AsyncPipeSink(controller))
@@ -77,15 +77,15 @@ class BleAir:
 class BlePeripheral:
     """The Bluetooth radio of one board."""
 
-    def __init__(self, air: BleAir, mac: bytes, port: str) -> None:
-        self._air, self._port = air, port
-        # Two set bits begin a static random address.
+    def __init__(self, air: BleAir, mac: bytes, platform: str) -> None:
+        self._air, self._platform = air, platform
+        # A static random address begins with two set bits.
         self._address = ":".join(f"{byte:02X}" for byte in (mac[0] | 0xC0, *mac[1:]))
         self._controller: Controller | None = None
         self._clear()
 
     def reset(self) -> None:
-        """Clear everything, as at a restart of the processor: a host learns it by the silence."""
+        """Clear everything, as at a restart of the processor: a host notices it by the silence."""
         if self._controller is not None:
             self._air.link.remove_controller(self._controller)
             self._controller = None
@@ -131,7 +131,7 @@ class BlePeripheral:
         return -EINVAL, b""
 
     async def _power_on(self) -> None:
-        self._controller, self._device = self._air.device(self._address, self._address)
+        self._controller, self._device = self._air.create_device(self._address, self._address)
         self._device.on(self._device.EVENT_CONNECTION, self._on_connection)
         await self._device.power_on()
 
@@ -198,7 +198,7 @@ class BlePeripheral:
         self._events.append(struct.pack("<BHHH", event, connection, number, len(data)) + data)
 
     def _take_events(self) -> tuple[int, bytes]:
-        """Return events in whole, as many as fit a reply."""
+        """Return the size of the reply, and the reply: as many whole events as fit."""
         reply = b""
         while self._events and len(reply) + len(self._events[0]) <= _MAX_EVENT_BYTES:
             reply += self._events.popleft()
@@ -212,12 +212,12 @@ class BlePeripheral:
             return -EINVAL
         assert self._controller is not None
         counts, queued = self._air.counts, self._air.link.queued_pieces(self._controller)
-        if queued >= ROOM_PACKETS[self._port]:
-            if self._port == "esp32":
+        if queued >= ROOM_PACKETS[self._platform]:
+            if self._platform == "esp32":
                 counts["refused"] += 1
                 return -ENOMEM
             counts["stored on heap, most"] = max(
-                counts["stored on heap, most"], queued + 1 - ROOM_PACKETS[self._port]
+                counts["stored on heap, most"], queued + 1 - ROOM_PACKETS[self._platform]
             )
         self._air.loop.create_task(device.notify_subscriber(connection, characteristic, data[4:], force=True))
         for _ in range(_STEPS_TO_QUEUE):

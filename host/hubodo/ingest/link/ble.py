@@ -42,7 +42,7 @@ class BleTransport:
     datagrams = False
 
     def __init__(self, name: str) -> None:
-        """Search for the node and connect; raise LinkError with what to do."""
+        """Search for the node and connect; raise LinkError with the remedy."""
         self.endpoint = f"ble://{name}"
         self.refused: Counter[str] = Counter()
         self._name = name

@@ -127,7 +127,7 @@ def parse_port(text: str) -> PortName:
 def attach_keys(port: PortName, key_file: Path | None, *, insecure: Collection[str]) -> PortName:
     """Return the port, for UDP and Bluetooth with the keys of its nodes.
 
-    Raises InputError for a port that accepts packets of others without keys, unless its kind is in
+    Raises InputError for a port that accepts packets of other machines without keys, unless its kind is in
     `insecure`: anybody on the network, or within reach of the radio, could send samples to it.
     """
     if port.kind not in ("udp", BLE_KIND):
