@@ -40,7 +40,7 @@ _MAX_LATE_WINDOWS = 3
 
 
 class WheelMode(Enum):
-    """Mode of a wheel in one window, which decides the measurements used; diagram in the README of `fuse`.
+    """Mode of a wheel in one window: the measurements used; the diagram is in the README of this folder.
 
     ROLLING: all measurements. DISTRUSTED_SPEED: all but its speed, after the mounting check. SLIPPING: yaw
     and roll rate only. UNKNOWN_ANGLE: its speed only, until gravity has shown the wheel angle. LOST:
