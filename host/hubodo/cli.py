@@ -133,6 +133,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt as stop:
         text = str(stop) or "nothing more was written"
         return _report_error(args, f"interrupted; {text}", EXIT_INTERRUPTED)
+    except NotADirectoryError as error:
+        text = f"{error.filename}: a part of this path is a file, not a folder; name another path"
+        return _report_error(args, text, EXIT_REFUSED)
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         return _report_error(

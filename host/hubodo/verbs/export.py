@@ -85,9 +85,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--format",
         choices=("csv", "parquet", "rosbag2", *TRACK_FORMATS),
-        default="csv",
-        help="parquet needs pyarrow (hubodo[parquet]); rosbag2 holds every message, in SQLite, for ros2 bag; "
-        "the others hold the track, of a log the odometry recorded live",
+        help="by default the suffix of a track, as in track.gpx, else csv; parquet needs pyarrow "
+        "(hubodo[parquet]); rosbag2 holds every message, in SQLite, for ros2 bag; the others hold the track, "
+        "of a log the odometry recorded live",
     )
     parser.add_argument(
         "--origin",
@@ -113,6 +113,9 @@ def run(args: argparse.Namespace) -> ExportResult:
         If the log cannot be read or the folder exists.
     """
     vehicle = None if args.vehicle is None else load_vehicle(args.vehicle)
+    if args.format is None:
+        suffix = args.output.suffix.removeprefix(".").lower()
+        args.format = suffix if suffix in TRACK_FORMATS else "csv"
     if args.format in TRACK_FORMATS:
         return _export_track(args, stated_input_format(args, vehicle))
     if args.format == "rosbag2":

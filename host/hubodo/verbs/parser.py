@@ -70,9 +70,19 @@ class Parser(argparse.ArgumentParser):
     _words: Sequence[str] = ()
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse as ArgumentParser does; the words are remembered for errors."""
-        self._words = [] if args is None else list(args)
-        return super().parse_known_args(args, namespace)
+        """Parse as ArgumentParser does; `--origin 47,8` is `--origin 47 8`. Errors name the words."""
+        words = None if args is None else self._split_pairs(args)
+        self._words = words or []
+        return super().parse_known_args(words, namespace)
+
+    def _split_pairs(self, words: Sequence[str]) -> list[str]:
+        """Return the words with the value of an option for two values split at a comma or space."""
+        pairs = {name for action in self._actions if action.nargs == 2 for name in action.option_strings}
+        split: list[str] = []
+        for before, word in zip(["", *words], words, strict=False):
+            parts = word.replace(",", " ").split()
+            split += parts if before in pairs and len(parts) == 2 else [word]
+        return split
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Return the parsed arguments; the error for an unknown one suggests the option that was meant."""

@@ -193,6 +193,7 @@ RUNS: tuple[Run, ...] = (
     Run("service install --root image --dry-run --config hubodo.toml --program /usr/bin/true --json --debug"),
     Run("service install --user --dry-run --config hubodo.toml"),
     Run("config check hubodo.toml --json --debug"),
+    Run("config example --output config-{n}.toml --force"),
     Run("completion bash --json --debug"),
     Run(
         "flash missing --node left --rate-hz 104 --set rest_after_s=60 --calibration calibration.toml",

@@ -1,5 +1,7 @@
 """Errors of the command line."""
 
+from pathlib import Path
+
 import pytest
 
 from hubodo.verbs.parser import EXIT_REFUSED, Parser, UsageError
@@ -63,3 +65,18 @@ def test_help_and_version_are_given_in_every_way_that_people_ask(words: str) -> 
     done = hubodo(*words.split())
     assert (done.code, done.err) == (0, "")
     assert "usage: hubodo" in done.out or done.out == f"hubodo {__version__}\n"
+
+
+@pytest.mark.parametrize("words", [("47,-8.5",), ("47 -8.5",), ("47", "-8.5")])
+def test_a_pair_of_values_may_be_one_word(words: tuple[str, ...]) -> None:
+    parser = Parser()
+    parser.add_argument("--origin", nargs=2, type=float)
+    parser.add_argument("log")
+    args = parser.parse_args(["--origin", *words, "a,b"])
+    assert (args.origin, args.log) == ([47.0, -8.5], "a,b")
+
+
+def test_an_output_inside_a_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "drive.mcap").write_bytes(b"")
+    done = hubodo("example", tmp_path / "drive.mcap" / "x")
+    assert done.code == EXIT_REFUSED and "is a file, not a folder" in done.err

@@ -5,6 +5,7 @@ import pytest
 from hubodo.errors import ConfigError
 from hubodo.ingest.live.record_config import RecordConfig, load_record_config
 from hubodo.vehicle import Vehicle, load_vehicle
+from in_process import hubodo
 
 VEHICLE = """
 [vehicle]
@@ -108,3 +109,17 @@ def test_a_recorder_file_is_read_with_its_types(tmp_path):
 def test_each_mistake_in_a_recorder_file_is_named(tmp_path, line, message):
     with pytest.raises(ConfigError, match=message):
         load_record_config(write_file(tmp_path, f"[record]\n{line}\n"))
+
+
+def test_the_example_is_written_to_a_file_that_the_check_accepts(tmp_path):
+    path = tmp_path / "hubodo.toml"
+    assert hubodo("config", "example", "-o", path).code == 0
+    assert path.read_text() == hubodo("config", "example").out
+    assert hubodo("config", "check", path).out == f"{path}: valid\n"
+    again = hubodo("config", "example", "-o", path)
+    assert again.code == 2 and "exists already" in again.err
+
+
+def test_a_vehicle_file_is_named_as_one_instead_of_its_first_key(tmp_path):
+    done = hubodo("config", "check", write_file(tmp_path, VEHICLE))
+    assert done.code == 2 and "is a vehicle or model file" in done.err
