@@ -1,5 +1,5 @@
-# Every target does its own set-up; only Python 3.11 or newer is required.
-PYTHON ?= python3
+# Every target does its own set-up; only Python 3.11 or newer is required (PYTHON=/path/to/python3.11 for another).
+PYTHON ?=
 BIN := .venv/bin
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 # The matrices here are small: threads of a matrix library cost more time than they save.
@@ -10,7 +10,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # Hypothesis would import the plugins of other packages, such as trio, into every process.
 export HYPOTHESIS_NO_PLUGINS := 1
 
-.PHONY: demo test quick check docs package chip power bench soak papers accuracy road sensitivity gap-matrix gap-limit gap-reliability gap-several gap-beyond gap-rides gap-real gap-semi mutants faults fuzz load fleet interop audit screenshots browser compiler setup clean
+.PHONY: demo test repeat quick check docs package chip power bench soak papers accuracy road sensitivity gap-matrix gap-limit gap-reliability gap-several gap-beyond gap-rides gap-real gap-semi mutants faults fuzz load fleet interop audit screenshots browser compiler setup clean
 .DEFAULT_GOAL := demo
 
 demo: setup          ## the main job end to end, without hardware
@@ -18,15 +18,19 @@ demo: setup          ## the main job end to end, without hardware
 
 test: setup browser compiler  ## all tests that need no hardware
 	@test -d tests/host/fuse/__pycache__ || $(BIN)/python -m pytest --collect-only --quiet >/dev/null
-	$(BIN)/python -m pytest --numprocesses 5 --dist loadfile --no-loadscope-reorder -m "not alone"
+	$(BIN)/python -m pytest --numprocesses 5 --dist loadfile --no-loadscope-reorder -m "not alone and not repeat"
 	$(BIN)/python -m pytest -m alone tests/signal_path/test_north_table.py
+
+repeat: setup browser compiler ## further seeds, chips and drives of the tests, which make test runs once; prints them
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder \
+		-m "repeat or hypothesis" --hypothesis-profile wide -rP
 
 QUICK := tests/protocol tests/host/effects tests/host/model tests/host/log tests/host/gap tests/host/fuse
 # Excluded: tests of the graph, of many noisy drives and complete recordings, and recipes, which take most of the time.
 SLOW := graph_* wheel_calibration* wheel_car* wheel_clipped* wheel_consistency* wheel_overconfidence* wheel_rollback* \
 	surface_speeds* ranges* node_bias* gap_watch* gap_refinement* gap_null_distribution* gap_explanation* gap_process_noise* *add_* field*
 quick: setup         ## the core in a minute: protocol, effects, model, log, gap, wheel filter
-	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder -m "not real_time" \
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder -m "not real_time and not repeat" \
 		$(foreach name,$(SLOW),--ignore-glob='*/test_$(name)') $(QUICK)
 
 check: setup         ## format, lint, types, generated files, firmware for both boards
@@ -143,7 +147,7 @@ interop: setup       ## hubodo as a ROS 2 node, received by Fast DDS in C++: con
 	$(BIN)/python tests/interop/latency.py
 
 audit: setup         ## known vulnerabilities of the installed packages, from the advisories of PyPI and npm
-	$(PYTHON) -m venv out/audit && out/audit/bin/pip install --quiet --disable-pip-version-check pip-audit
+	$(BIN)/python -m venv out/audit && out/audit/bin/pip install --quiet --disable-pip-version-check pip-audit
 	out/audit/bin/pip-audit --requirement requirements.lock --no-deps --disable-pip
 	npm audit
 
@@ -160,7 +164,7 @@ compiler:            ## C compiler for the independent decoder in tests; likewis
 	@command -v cc >/dev/null || tools/debian_packages gcc libc6-dev || true
 
 setup:
-	@PYTHON=$(PYTHON) tools/setup
+	@PYTHON="$(PYTHON)" tools/setup
 
 clean:
 	rm -rf .venv node_modules out build

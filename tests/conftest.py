@@ -58,9 +58,14 @@ if mallopt := getattr(ctypes.CDLL(None), "mallopt", None):
     mallopt(_M_MMAP_THRESHOLD, 1 << 30)
     mallopt(_M_TRIM_THRESHOLD, 1 << 30)
 
-settings.register_profile(
-    "hubodo", deadline=None, print_blob=True, suppress_health_check=[HealthCheck.too_slow]
-)
+for profile, examples in (("hubodo", 40), ("wide", 400)):
+    settings.register_profile(
+        profile,
+        max_examples=examples,
+        deadline=None,
+        print_blob=True,
+        suppress_health_check=[HealthCheck.too_slow],
+    )
 settings.load_profile("hubodo")
 
 

@@ -103,6 +103,8 @@ import os, signal, sys
 from hubodo.cli import main
 from hubodo.fleet import workflow
 if __name__ == "__main__":
+    # Background jobs and `nohup` ignore it, and programs inherit that.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     plain = workflow.examine_each
     def each(*given):
         for number, made in enumerate(plain(*given)):

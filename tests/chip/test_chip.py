@@ -11,6 +11,7 @@ from hubodo.flash.image import build_image, firmware_folder
 from hubodo.flash.slots import MAIN, SLOTS, main_for_slot
 from hubowire import FrameDecoder, decode
 from hubowire import messages as m
+from repetitions import first_and_more
 from virtual_runs import match_samples, messages_of, pico_or_skip, unique_motion
 
 # name: (configuration, emulated seconds). `make chip` runs the other rates too, and for a minute.
@@ -38,7 +39,11 @@ def armv6m(folder):
     return folder
 
 
-@pytest.fixture(scope="module", params=RUNS, ids=lambda name: name.replace(", ", "-").replace(" ", "-"))
+@pytest.fixture(
+    scope="module",
+    params=first_and_more("1660", "default, 416"),
+    ids=lambda name: name.replace(", ", "-").replace(" ", "-"),
+)
 def run(request, tmp_path_factory):
     pico_or_skip()
     config, seconds = RUNS[request.param]

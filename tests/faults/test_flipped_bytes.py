@@ -13,6 +13,7 @@ from hubodo.log.recording_reader import open_log
 from hubodo.log.recover import recover_log
 from hubodo.recording import Event
 from in_process import hubodo
+from repetitions import first_and_more
 from vehicles import vehicle_toml
 
 VEHICLE = vehicle_toml(facing={}).encode()
@@ -45,7 +46,9 @@ def everything(path: Path) -> tuple[tuple[object, ...], tuple[str, ...]]:
         return (*output, log.scan.library, log.scan.profile), log.warnings()
 
 
-@pytest.mark.parametrize(("compression", "step"), [("zstd", 1), ("none", 5)])
+@pytest.mark.parametrize(
+    ("compression", "step"), [("none", 31), *first_and_more(("zstd", 7), ("zstd", 1), ("none", 5))]
+)
 def test_each_changed_byte_is_detected(compression: str, step: int, tmp_path: Path) -> None:
     seed, path, bad = 5, tmp_path / "log.mcap", tmp_path / "bad.mcap"
     rng = random.Random(seed)

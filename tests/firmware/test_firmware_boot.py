@@ -4,6 +4,7 @@ import pytest
 
 from hubodo.emulator.board.settings import BoardSettings
 from hubowire import messages as m
+from repetitions import first_and_more
 from virtual_runs import match_samples, messages_of, request, run
 
 STEPS_MS = [0, 0.01, 0.03, 0.1, 0.3, 0.6, *range(1, 16), 20, 30, 50, 100]
@@ -21,7 +22,7 @@ def assert_boots(seconds, script, **settings):
     return sent
 
 
-@pytest.mark.parametrize("interpreter", ["micropython", "cpython"])
+@pytest.mark.parametrize("interpreter", first_and_more("micropython", "cpython"))
 def test_ctrl_c_at_any_time_of_the_boot_does_not_stop_the_node(interpreter):
     for at in STEPS_MS:
         again = at + (0.05 if at < 1 else 1)

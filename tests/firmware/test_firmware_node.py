@@ -14,6 +14,7 @@ from hubodo.emulator.board.settings import Clock, SensorBoard
 from hubodo.emulator.chips.faults import BrownOut, BusNack, MissedSamples, OdrStep, StuckBus
 from hubodo.emulator.chips.imu import Specimen
 from hubowire import messages as m
+from repetitions import first_and_more
 from virtual_runs import PERIOD, match_samples, messages_of, run
 
 RATES = [
@@ -132,7 +133,9 @@ def test_another_chip_at_the_address_is_refused_and_named():
     assert (0x6B, 0x6A, 0) in messages_of(sent, m.Hello)[-1].parts
 
 
-@pytest.mark.parametrize(("chip", "who_am_i"), [("lsm6ds33", 0x6C), ("mpu6050", 0x47), ("lsm6dso", 0x69)])
+@pytest.mark.parametrize(
+    ("chip", "who_am_i"), first_and_more(("lsm6ds33", 0x6C), ("mpu6050", 0x47), ("lsm6dso", 0x69))
+)
 def test_a_chip_with_the_identity_of_another_is_reported_as_silent_for_as_long_as_it_is(chip, who_am_i):
     """The driver of another chip finds no FIFO at its address; each Health has to report that."""
     sent, _, _ = run(4, sensors=SensorBoard(chip, specimen=Specimen(who_am_i=who_am_i)))

@@ -17,6 +17,7 @@ from scipy.stats import chi2
 from small_int import SmallInt
 
 from hubodo.sensors.filters.pseudo_measurement import PseudoMeasurementFilter
+from repetitions import first_and_more
 
 LSB_NDPS = 70_000_000
 ACCEL_LSB_NG = 488_000
@@ -245,7 +246,7 @@ def test_no_intermediate_needs_more_than_31_bits_and_the_variance_stays_positive
 
 
 @pytest.mark.parametrize("kind", [wire.BIAS_KIND_REST, wire.BIAS_KIND_TABLE])
-@pytest.mark.parametrize("stretch", [1, 1024])
+@pytest.mark.parametrize("stretch", first_and_more(1024, 1))
 def test_the_whole_initialisation_stays_within_31_bits(kind, stretch):
     extreme = np.full((2048, 6), 32767, dtype=np.int64)
     extreme[::2] = -32768

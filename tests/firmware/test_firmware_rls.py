@@ -17,6 +17,7 @@ from small_int import SmallInt
 from test_firmware_bias_filter import SAMPLES, hour_of_signals
 
 from hubodo.sensors.filters.recursive_least_squares import RecursiveLeastSquares
+from repetitions import first_and_more
 
 FORGETTING = [1_027_604, 964_690]
 """Forgetting factors 0.98 and 0.92 as Q20."""
@@ -49,7 +50,7 @@ def run_filter(table, forgetting, bias_q14=0):
     return rates, node
 
 
-@pytest.mark.parametrize("forgetting", FORGETTING)
+@pytest.mark.parametrize("forgetting", first_and_more(*FORGETTING))
 def test_each_update_agrees_with_the_float_version_of_the_same_history(forgetting):
     """Before each sample the float version gets the last rate of the node, which is its regressor.
 

@@ -11,6 +11,7 @@ from hubodo.emulator.board.network import WifiEnvironment
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host
 from hubodo.emulator.virtual_node import VirtualNode
 from hubowire import messages as m
+from repetitions import first_and_more
 from virtual_runs import (
     FIRMWARE,
     count_missing_frames,
@@ -102,8 +103,13 @@ def test_a_late_network_gets_the_newest_samples(port):
     assert t[-1] > 29.5
 
 
-@pytest.mark.parametrize("interpreter", ["micropython", "cpython"])
-@pytest.mark.parametrize("port", PORTS)
+@pytest.mark.parametrize(
+    ("port", "interpreter"),
+    [
+        ("rp2", "micropython"),
+        *first_and_more(("esp32", "cpython"), ("esp32", "micropython"), ("rp2", "cpython")),
+    ],
+)
 def test_after_an_outage_the_node_reconnects_and_only_the_oldest_frames_are_lost(port, interpreter):
     air = WifiEnvironment(outages=((5, 9), (15, 40)), join_time=1.5)
     (sent,), truth, stats = run_node(72, port, air, interpreter=interpreter)

@@ -6,6 +6,7 @@ import pytest
 from gap_matrix.judge import reliability, resumed, trials
 from gap_matrix.judge.calibration import GivenName, bin_names, draw_diagram
 from gap_matrix.judge.trial_rows import judge_trial
+from repetitions import first_and_more
 
 FIRST_SEED = reliability.FIRST_SEED["development"]
 
@@ -75,9 +76,14 @@ def _is_on_both_wheels(calls):
     return calls.hidden[0].scope == "all"
 
 
-@pytest.mark.parametrize("kind", [kind for kind in trials.PERCENT_BY_KIND if kind != "pair"])
+@pytest.mark.parametrize(
+    "kind", ["single", "null", *first_and_more("outside", "blunt", "alike", "blunt alike")]
+)
 def test_names_with_a_confidence_above_99_percent_are_correct(kind):
-    """The trial is the first of its kind; the second for `blunt`, as the first one gives no name."""
+    """The trial is the first of its kind; the second for `blunt`, as the first one gives no name.
+
+    Pairs: `make gap-reliability`.
+    """
     rows = [judge_trial((FIRST_SEED + (kind == "blunt"), kind))]
     print(reliability.format_table(rows), reliability.format_wrong_names(rows, 0.0), sep="\n")
     assert not any("error" in row for row in rows)

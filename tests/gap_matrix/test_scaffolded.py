@@ -14,6 +14,7 @@ from gap_matrix.make_case import write_case
 from gap_runs import run_gap
 from hubodo.cli import main
 from hubodo.effects import BY_NAME
+from repetitions import first_and_more
 
 # The shortest drive of the generator at a third of the usual rate: the gain in nats is the same, the search
 # is faster.
@@ -29,7 +30,7 @@ def restore_effect_list():
     BY_NAME.update(known)
 
 
-@pytest.mark.parametrize("name", ["steered_wheel", "cross_talk"])
+@pytest.mark.parametrize("name", first_and_more("steered_wheel", "cross_talk"))
 def test_an_effect_outside_the_vocabulary_is_scaffolded_and_found_again_by_its_name(name):
     """`make gap-beyond` has eight effects."""
     score = Score()

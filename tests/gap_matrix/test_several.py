@@ -3,6 +3,7 @@
 import pytest
 
 from gap_matrix.judge import several, trials
+from repetitions import first_and_more
 
 SEED, ABSENT_EFFECT = 30_001, "accel_bias"
 
@@ -21,7 +22,7 @@ def test_an_absent_first_effect_does_not_change_the_final_ones(tmp_path):
 # 30019: an empirical term explains two effects at first and is removed by reconsideration.
 # 30058: the gyro is quantized at three times its noise, which resembles neither lower noise nor a random
 # walk.
-@pytest.mark.parametrize("seed", [30_019, 30_058])
+@pytest.mark.parametrize("seed", first_and_more(30_019, 30_058))
 def test_a_term_that_explained_several_effects_is_removed(tmp_path, seed):
     trial = trials.draw_trial(seed, "several")
     hidden = {(it.name, it.scope) for it in trial.hidden}

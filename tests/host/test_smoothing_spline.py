@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from hubodo.smoothing_spline import constant_spline, fit_interpolating_spline, fit_smoothing_spline
+from repetitions import first_and_more
 
 
 def signal(t):
@@ -30,7 +31,9 @@ def noisy_samples(seed, sigma, rate=50.0, duration=60.0, uneven=False):
 
 
 @pytest.mark.parametrize("uneven", [False, True])
-@pytest.mark.parametrize(("rate", "sigma"), [(20.0, 5e-4), (20.0, 0.05), (100.0, 5e-4), (100.0, 0.05)])
+@pytest.mark.parametrize(
+    ("rate", "sigma"), first_and_more((20.0, 5e-4), (20.0, 0.05), (100.0, 5e-4), (100.0, 0.05))
+)
 def test_estimated_noise_and_residual_noise_are_correct(rate, sigma, uneven):
     times = np.linspace(1.0, 58.5, 3000)
     estimates, value, rate_of_change = [], [], []

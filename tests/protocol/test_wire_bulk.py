@@ -11,6 +11,7 @@ from hubodo.ingest.node.bulk import BulkDecoder, FrameGroup
 from hubodo.ingest.node.node_frames import group_by_node
 from hubowire import Frame, FrameDecoder, PayloadError, decode, encode, encode_frame
 from hubowire.messages import ImuBatch
+from repetitions import first_and_more
 
 
 def frames_of(groups: list[FrameGroup]) -> list[Frame]:
@@ -44,7 +45,7 @@ def test_frames_and_counters_equal_those_of_the_streaming_decoder_after_every_po
             assert counters(many) == counters(one)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.001, 0.01, 0.05])
+@pytest.mark.parametrize("share", [0.0, *first_and_more(0.01, 0.001, 0.05)])
 @pytest.mark.parametrize(("size", "count"), [(50, 1500), (4096, 4000), (1 << 20, 4000)])
 def test_a_busy_dirty_link_gives_the_same_frames_and_counters(
     share: float, size: int, count: int, monkeypatch

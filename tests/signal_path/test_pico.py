@@ -27,6 +27,7 @@ def _needs_an_image():
 
 
 @pytest.mark.real_time
+@pytest.mark.repeat
 def test_a_pico_slower_than_real_time_is_recorded_completely_with_a_slow_clock(tmp_path):
     """The sample intervals equal the node's, not six times as much.
 
@@ -51,6 +52,7 @@ def test_a_pico_slower_than_real_time_is_recorded_completely_with_a_slow_clock(t
     assert 0.8 < np.polyfit(true_times, table.t, 1)[0] < 1.25
 
 
+@pytest.mark.repeat
 def test_an_empty_pico_gets_every_file_over_usb_and_runs_it(tmp_path, capfd):
     image = build_image(firmware_folder(), "armv6m")
     with VirtualNode(StillMotion(), board=BoardSettings(interpreter="rp2040"), clock=Clock("paced")) as board:

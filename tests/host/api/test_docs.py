@@ -64,6 +64,7 @@ def test_a_readme_on_the_site_has_no_link_to_source_files(site):
     assert not re.search(r'href="[^"#]*\.md', page)
 
 
+@pytest.mark.repeat
 def test_the_notebook_runs(tmp_path):
     notebook = nbformat.read(ROOT / "host" / "docs" / "notebook.ipynb", as_version=4)
     assert not any(cell.get("outputs") for cell in notebook.cells), "store the notebook without outputs"

@@ -28,6 +28,7 @@ from hubodo.emulator.interpreters.rp2040.image import ImageMissing, find_image
 from hubodo.emulator.interpreters.rp2040.pico import PicoSettings
 from hubodo.emulator.motion import RecordedMotion, StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
+from repetitions import first_and_more
 from virtual_runs import pico_or_skip
 
 RUNNERS = Path(images.__file__).parent
@@ -204,7 +205,7 @@ else:
     assert (tmp_path / "flash" / "d" / "new").read_text() == "x"
 
 
-@pytest.mark.parametrize("seconds", [1.02, 1.17, 1.3])
+@pytest.mark.parametrize("seconds", first_and_more(1.17, 1.02, 1.3))
 def test_power_lost_in_the_middle_of_a_write_leaves_the_old_file_or_the_new_one(
     tmp_path: Path, seconds: float
 ) -> None:

@@ -10,6 +10,7 @@ from hubodo.fuse.graph.batch import Fixes, fuse_graph
 from hubodo.fuse.graph.live import LiveGraph, LiveLimits, SampleStatus
 from hubodo.fuse.graph.odometry_steps import StepNoise
 from hubodo.fuse.track import Track
+from repetitions import first_and_more
 
 
 def run_live(drive, fixes, late=0.15, seconds=None, limits=None, headings=(), since=0.0):
@@ -75,7 +76,7 @@ def test_no_batch_is_solved_before_the_fixes_can_determine_the_heading(monkeypat
     assert batch_times[-len(attempts) :] == attempts and len(batch_times) > len(attempts)
 
 
-@pytest.mark.parametrize("lag", [5.0, 60.0])
+@pytest.mark.parametrize("lag", first_and_more(5.0, 60.0))
 def test_the_live_error_agrees_with_its_covariance(lag):
     """The mean NEES of 5 drives, seeds 100 to 104, lies within the 99.9 % band of 3 dof.
 
@@ -92,7 +93,7 @@ def test_the_live_error_agrees_with_its_covariance(lag):
     assert low < np.mean(nees) < high, f"{np.mean(nees):.2f}"
 
 
-@pytest.mark.parametrize(("lag", "tolerance"), [(1e3, 0.05), (10.0, 0.3)])
+@pytest.mark.parametrize(("lag", "tolerance"), first_and_more((10.0, 0.3), (1e3, 0.05)))
 def test_the_last_live_pose_equals_the_batch_solution(lag, tolerance):
     """The tolerance, in sigmas of the batch, is nearly zero for a full window and small for a short one.
 

@@ -11,6 +11,7 @@ from hubodo.fuse.wheel.config import add_node_biases
 from hubodo.fuse.wheel_odometry import compute_wheel_odometry
 from hubodo.recording import BIAS_FILTER_COLUMNS, Recording, Table
 from hubodo.vehicle import NodeMount, Vehicle
+from repetitions import first_and_more
 
 VEHICLE = Vehicle(0.15, 0.5, {"left": NodeMount("left", "left"), "right": NodeMount("right", "right")})
 COLUMNS = ("t", "gx", "gy", "gz", "ax", "ay", "az")
@@ -62,7 +63,7 @@ def test_other_calibrated_effects_are_preserved():
     assert used == ("left",) and set(output.nodes["left"].effects) == {"wheel_radius", "gyro_bias"}
 
 
-@pytest.mark.parametrize("standstill_s", [8.0, 0.3])
+@pytest.mark.parametrize("standstill_s", first_and_more(0.3, 8.0))
 def test_reported_biases_do_not_degrade_the_track(standstill_s):
     """The generator shares no code with the filter; the nodes report their bias at power-on.
 

@@ -10,13 +10,14 @@ from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.track import run_wheel_filter
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import NodeMount, Vehicle, parse_vehicle
+from repetitions import first_and_more
 from wheel_runs import tables
 
 LATITUDE_DEG = 60.0
 MOUNTS = {"left": NodeMount("left", "left"), "right": NodeMount("right", "left")}
 
 
-@pytest.mark.parametrize("names", [("left",), ("left", "right")])
+@pytest.mark.parametrize("names", first_and_more((("left",),), (("left", "right"),)))
 def test_a_latitude_removes_the_earth_rate_from_the_heading(names):
     """At latitude 60° the Earth turns by 0.217° per minute; perfect sensors, slow curves of 160 s."""
     rng = np.random.default_rng(3)

@@ -17,6 +17,7 @@ from hubodo.fuse.wheel.track import run_wheel_filter, track_from_poses
 from hubodo.ingest.live.odometer import Odometer
 from hubodo.log.records import ImuBlock
 from hubodo.vehicle import NodeMount, Vehicle
+from repetitions import first_and_more
 from wheel_runs import config, end_error, nees, tables, true_pose
 
 LIFT = CASES["one wheel, lifted 6 s, runs out in 1 s"]
@@ -136,7 +137,7 @@ def test_the_result_table_counts_false_alarms():
     )
 
 
-@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize("side", first_and_more("left", "right"))
 def test_a_steered_wheel_is_excluded_and_named(side):
     """Seed 101: a tricycle whose two nodes are declared as one axle."""
     result, fixed_wheel_used = slip.steered_outcome(101, side)
@@ -162,7 +163,7 @@ def test_a_declared_steered_wheel_is_used_only_if_it_is_the_only_one():
     assert initial_state(alone).wheels[0].geometry.contact_y == 0.0
 
 
-@pytest.mark.parametrize("seed", [5068, 5126])
+@pytest.mark.parametrize("seed", first_and_more(5068, 5126))
 def test_accelerometer_errors_on_a_slow_wheel_are_not_detected_as_slip(seed):
     # Scale errors and biases of the two axes rotate with the wheel; below one turn in 10 s that looks like a
     # slope.
@@ -173,7 +174,7 @@ def test_accelerometer_errors_on_a_slow_wheel_are_not_detected_as_slip(seed):
     assert end_error(random_drive.drive, run) < 0.1 * random_drive.drive.length
 
 
-@pytest.mark.parametrize("seed", [5012, 5100])
+@pytest.mark.parametrize("seed", first_and_more(5012, 5100))
 def test_a_slip_of_seconds_does_not_mean_another_axle(seed):
     random_drive = mixed_drives.drawn(seed)
     run = run_wheel_filter(config(random_drive.drive), tables(random_drive.drive))

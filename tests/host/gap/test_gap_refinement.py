@@ -14,6 +14,7 @@ from hubodo.gap.refit.refit import refit_with_weights
 from hubodo.gap.workflow import _MAX_MINOR_CHANGE, _best_stage
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
+from repetitions import first_and_more
 
 # Learnt by `gap` on drive-1 from geometry and noise alone.
 CAR = """
@@ -60,7 +61,9 @@ z = 0.0577
 """
 
 
-@pytest.mark.parametrize(("scope", "heading"), (("all", "effects"), ("left", "nodes.left.effects")))
+@pytest.mark.parametrize(
+    ("scope", "heading"), first_and_more(("left", "nodes.left.effects"), ("all", "effects"))
+)
 def test_a_wrong_value_in_the_model_file_is_refined_and_the_old_one_given(scope, heading, tmp_path):
     seed = 11
     (hidden,) = write_case(tmp_path / "log", seed, ["gyro_bias"], "strong", scope=scope, duration=60.0)

@@ -85,7 +85,7 @@ def bits(values: list[float]) -> list[bytes]:
     return [struct.pack("<d", value) for value in values]
 
 
-@settings(max_examples=60)
+@settings(max_examples=25)
 @given(data=st.data())
 def test_import_then_export_gives_back_every_number_of_every_column(
     data: st.DataObject, tmp_path_factory
@@ -122,6 +122,7 @@ def test_import_and_export_preserve_every_number_of_a_real_recording(name: str, 
         assert parse(returned) == parse(original)
 
 
+@pytest.mark.repeat
 def test_import_and_export_preserve_a_million_real_rows(tmp_path: Path) -> None:
     folder = wanted.recording("static")
     recording = read_folder(folder)

@@ -11,6 +11,7 @@ from hubodo.log.csv_folder import write_folder
 from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Recording, Table
 from in_process import hubodo
+from repetitions import first_and_more
 from wheel_runs import short_loop, tables
 
 SEED, SECONDS = 5, 5.0
@@ -27,7 +28,7 @@ def drive_with_times(scale, offset):
     return Recording(nodes, truth=truth)
 
 
-@pytest.mark.parametrize("file_format", ["folder", "mcap"])
+@pytest.mark.parametrize("file_format", first_and_more("mcap", "folder"))
 @pytest.mark.parametrize(
     ("scale", "offset", "message"),
     [

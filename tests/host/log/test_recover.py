@@ -15,6 +15,7 @@ from hubodo.log.logfile import LogMessage
 from hubodo.log.recording_reader import open_log
 from hubodo.log.recover import recover_log
 from hubodo.recording import Event
+from repetitions import first_and_more
 
 
 def write_small(path: Path, compression="zstd", n: int = 14) -> None:
@@ -56,7 +57,7 @@ def read_with_mcap(path: Path) -> list[tuple[str, int, int, int, bytes]]:
     return payloads
 
 
-@pytest.mark.parametrize("compression", ["zstd", "none", "lz4"])
+@pytest.mark.parametrize("compression", first_and_more("zstd", "none", "lz4"))
 def test_from_a_log_cut_at_any_byte_every_complete_chunk_is_recovered_and_nothing_else(
     compression, tmp_path: Path
 ) -> None:

@@ -12,6 +12,7 @@ from hubodo.cli import main
 from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Recording, Table
 from in_process import hubodo
+from repetitions import first_and_more
 from vehicles import DRIVE_MODEL, vehicle_toml
 
 VEHICLE = vehicle_toml(0.25, 0.8, facing={"left": "left", "right": "right"})
@@ -113,7 +114,7 @@ def test_an_invalid_smoothing_lag_is_refused_in_one_line(folder, capsys, word):
     assert complaint.count("\n") == 1
 
 
-@pytest.mark.parametrize("node", ["left", "right"])
+@pytest.mark.parametrize("node", first_and_more("left", "right"))
 @pytest.mark.parametrize("arguments", [(), ("--smooth", "1"), ("--smooth",)])
 def test_one_node_gives_neither_track_width_nor_clock_offset(folder, capsys, node, arguments):
     assert run_fuse(folder, "--json", "--nodes", node, *arguments) == 0

@@ -14,6 +14,7 @@ from generators.gnss_drives import geodetic
 from hubodo.cli import main
 from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Recording, Table
+from repetitions import first_and_more
 
 SEED = 21
 STANDSTILL = (6.0, 0.0, 0.0)
@@ -261,7 +262,7 @@ def test_a_clock_step_of_more_than_an_hour_is_an_outage_of_unknown_motion(folder
     assert pause["stood"] is False
 
 
-@pytest.mark.parametrize(("jump_start", "jump_end"), [(20.0, 28.0), (20.0, 99.0), (20.0, 20.2)])
+@pytest.mark.parametrize(("jump_start", "jump_end"), first_and_more((20.0, 99.0), (20.0, 28.0), (20.0, 20.2)))
 def test_fixes_that_jump_by_100_m_are_rejected_with_a_warning_and_sigma_increases(
     folder, with_fixes, jump_start, jump_end, valid_result_with_fixes
 ):
@@ -275,7 +276,7 @@ def test_fixes_that_jump_by_100_m_are_rejected_with_a_warning_and_sigma_increase
     assert result.is_within_3_sigma
 
 
-@pytest.mark.parametrize("latitude", [91.0, -1234.0])
+@pytest.mark.parametrize("latitude", first_and_more(91.0, -1234.0))
 def test_fixes_with_an_impossible_latitude_are_rejected_with_a_warning(
     folder, with_fixes, latitude, valid_result_with_fixes
 ):

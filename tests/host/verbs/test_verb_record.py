@@ -46,6 +46,7 @@ from hubowire import FINGERPRINT, Frame, decode, encode, encode_frame
 from hubowire.framing import FrameDecoder
 from hubowire.messages import Hello, TimeRequest
 from in_process import hubodo
+from repetitions import first_and_more
 from waiting import until
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -338,7 +339,7 @@ def test_nodes_are_recorded_over_tcp_and_udp(tmp_path):
         assert result.nodes[name]["clock"]["source"] == "two way"
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", first_and_more(signal.SIGTERM, signal.SIGINT))
 def test_a_signal_leaves_a_complete_file_and_exit_code_0(tmp_path, number):
     out = tmp_path / "ride.mcap"
     with FakeNode() as node, start_hubodo("record", node.path, "-o", out, "--json") as process:

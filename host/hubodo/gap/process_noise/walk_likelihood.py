@@ -32,14 +32,16 @@ def walk_log_likelihoods(
     trends: (M, K) curves of unknown size that the observations contain; their sizes are integrated out
         under a flat prior (restricted likelihood, Patterson and Thompson 1971)
     """
-    rows, likelihoods = _increments(observed, trends), []
+    rows, log_determinants, products = _increments(observed, trends), [], []
     for intensity, start in zip(intensities.tolist(), starts.tolist(), strict=True):
         variances, solved = _solve_steps(rows.T, variance, steps, intensity, start)
-        products = rows @ solved
-        explained = float(products[1:, 0] @ _trend_sizes(products))
-        log_determinants = float(np.log(variances).sum()) + float(np.linalg.slogdet(products[1:, 1:])[1])
-        likelihoods.append(-0.5 * (float(products[0, 0]) - explained + log_determinants))
-    return np.array(likelihoods)
+        log_determinants.append(float(np.log(variances).sum()))
+        products.append(rows @ solved)
+    # One call for all intensities: the matrices of the trends are small.
+    stacked = np.array(products)
+    _, trend_determinants = np.linalg.slogdet(stacked[:, 1:, 1:])
+    explained = np.sum(stacked[:, 1:, 0] * _trend_sizes(stacked), axis=1)
+    return np.asarray(-0.5 * (stacked[:, 0, 0] - explained + np.array(log_determinants) + trend_determinants))
 
 
 def smooth_walk(
@@ -63,11 +65,11 @@ def _increments(observed: Array, trends: Array | None) -> Array:
 
 
 def _trend_sizes(products: Array) -> Array:
-    """Return the sizes of the trends, (M,), by generalised least squares.
+    """Return the sizes of the trends, (..., M), by generalised least squares.
 
-    products: (1 + M, 1 + M), increments times their inverse covariance times increments
+    products: (..., 1 + M, 1 + M), increments times their inverse covariance times increments
     """
-    return np.asarray(np.linalg.solve(products[1:, 1:], products[1:, 0]))
+    return np.asarray(np.linalg.solve(products[..., 1:, 1:], products[..., 1:, :1])[..., 0])
 
 
 def _solve_steps(

@@ -5,6 +5,7 @@ import pytest
 
 from gap_runs import run_gap, write_changed_log, write_changed_model
 from hubodo.gap.problem.plausibility import check_plausibility
+from repetitions import first_and_more
 
 
 def assert_refused(run, *expected_texts):
@@ -149,7 +150,7 @@ def reverse_in_time(columns):
     return {**columns, "speed": np.sin(2.0 * columns["t"]), "yaw_rate": columns["yaw_rate"][::-1]}
 
 
-@pytest.mark.parametrize("factor", [10.0, 0.1])
+@pytest.mark.parametrize("factor", first_and_more(10.0, 0.1))
 def test_wrongly_declared_noise_is_reported_with_its_estimate(clean_log, tmp_path, factor):
     model_text = (clean_log / "model.toml").read_text("utf-8")
     declared = [line for line in model_text.splitlines() if "gyro_noise" in line or "accel_noise" in line]

@@ -9,6 +9,7 @@ from gap_matrix.world import GRAVITY
 from gap_runs import run_gap
 from hubodo.effects import BY_NAME
 from hubodo.effects.sensor_chain import SensorChain
+from repetitions import first_and_more
 
 
 def draw_bank(distance, sigma, length, seed):
@@ -21,7 +22,7 @@ def draw_bank(distance, sigma, length, seed):
     return np.interp(distance, grid, sigma * bank)
 
 
-@pytest.mark.parametrize("seed", (31, 32))
+@pytest.mark.parametrize("seed", first_and_more(32, 31))
 def test_a_banked_road_is_named_with_its_size_and_nothing_else(seed, tmp_path):
     sigma, length = 0.03, 15.0
     setup = cases.draw_setup(seed, duration=60.0, vibration=0.0)

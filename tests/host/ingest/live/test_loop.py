@@ -39,6 +39,7 @@ from hubodo.vehicle import NodeMount, Vehicle
 from hubowire import Frame, encode, encode_frame
 from hubowire.messages import ImuBatch
 from in_process import hubodo
+from repetitions import first_and_more
 from vehicles import vehicle_toml
 from waiting import until
 
@@ -411,7 +412,7 @@ def in_terminal(out, node, *words, hangup=signal.SIG_DFL):
 
 
 @pytest.mark.real_time
-@pytest.mark.parametrize("words", [(), ("--json", "--log-format", "json")])
+@pytest.mark.parametrize("words", first_and_more(((),), (("--json", "--log-format", "json"),)))
 def test_a_closed_terminal_ends_the_recording_with_a_complete_log_and_exit_code_0(tmp_path, words):
     out = tmp_path / "ride.mcap"
     with FakeNode() as node:

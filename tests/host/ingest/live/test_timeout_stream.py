@@ -13,6 +13,7 @@ import pytest
 from fakes.fake_node import FakeNode
 from hubodo.ingest.live.timeout_stream import TimeoutStream
 from hubodo.log.recording_reader import read_recording
+from repetitions import first_and_more
 from waiting import until
 
 ROOT = Path(__file__).resolve().parents[4]
@@ -37,7 +38,7 @@ def recorder(out, node, *words, **streams):
     return subprocess.Popen(command, env=env, **streams)
 
 
-@pytest.mark.parametrize("log_format", ["text", "json"])
+@pytest.mark.parametrize("log_format", first_and_more("text", "json"))
 def test_a_hanging_reader_blocks_neither_the_log_nor_the_exit(tmp_path, log_format):
     out, (reading, writing) = tmp_path / "a.mcap", full_pipe()
     with FakeNode(rate_hz=416.0) as node:

@@ -19,6 +19,7 @@ from hubodo.recording import Event
 from hubodo.units import NS_PER_S
 from hubowire import FINGERPRINT, Frame, encode, encode_frame
 from hubowire.messages import BatchFlag, Filter, Health, Hello, ImuBatch, Mag, TimeReply
+from repetitions import first_and_more
 
 T0 = 1_700_000_000 * NS_PER_S
 PERIOD_NS = 4_807_692
@@ -206,7 +207,7 @@ def test_bulk_decoding_equals_decoding_one_by_one(seed, actions, sizes, datagram
     check(node.came, sizes, datagrams=datagrams)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", first_and_more(0, 1, 2, 3))
 def test_a_long_recording_with_all_that_happens_is_the_same_and_mostly_runs(seed):
     print(f"seed {seed}")
     rng = np.random.default_rng(seed)

@@ -28,6 +28,7 @@ from hubodo.sensors.imu.turns import (
     propagate_gravity_jacobian,
 )
 from hubodo.verbs import calibrate_imu as verb
+from repetitions import first_and_more
 
 GYRO = Errors(
     (0.02, -0.05, 0.01),
@@ -66,7 +67,7 @@ def test_what_a_triad_changes_of_where_gravity_is_carried_is_as_differences_have
         assert off < 1e-4 * np.abs(slopes).max(), place
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", first_and_more(1, 2, 3))
 def test_both_triads_are_recovered_from_standstills_and_turns_within_sigma(seed):
     data = carry(np.random.default_rng(seed), GYRO, ACCEL)
     result = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY)
@@ -247,7 +248,7 @@ def test_the_verb_writes_a_file_that_corrects_the_errors_and_keeps_other_entries
         verb.run(parser.parse_args([*line[:2], "left", *line[3:]]))
 
 
-@pytest.mark.parametrize("off_deg", [0.0, 0.3], ids=["exact", "within 0.3 degrees"])
+@pytest.mark.parametrize("off_deg", first_and_more(0.3, 0.0), ids=["within 0.3 degrees", "exact"])
 def test_six_faces_show_bias_and_scale_and_leave_the_angles_out(off_deg):
     z = []
     for seed in range(3):

@@ -8,6 +8,7 @@ from hubodo.errors import CalibrationError, HubodoError, InputError
 from hubodo.sensors.imu.calibrate import calibrate_imu
 from hubodo.sensors.imu.quantisation import find_quantisation_steps, undithered_sigma
 from hubodo.sensors.imu.standstills import find_standstills
+from repetitions import first_and_more
 
 ACCEL = Errors((0.2, -0.3, 0.1), (0.01, -0.02, 0.005))
 """Its matrix is diagonal, so it is symmetric as the convention demands."""
@@ -17,7 +18,7 @@ def calibrate(data, **options):
     return calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY, **options)
 
 
-@pytest.mark.parametrize("digits", [3, 4, 8, 10])
+@pytest.mark.parametrize("digits", first_and_more(4, 3, 8, 10))
 def test_sigmas_of_accelerometers_without_noise_cover_the_rounding(digits):
     pulls = []
     for seed in range(4):
@@ -96,7 +97,7 @@ def test_a_calibration_that_makes_other_poses_worse_is_refused():
         calibrate(data)
 
 
-@pytest.mark.parametrize("latitude", [None, 1.0])
+@pytest.mark.parametrize("latitude", first_and_more(None, 1.0))
 def test_earth_rate_in_slow_turns_is_no_scale_error(latitude):
     pulls, errors = [], []
     for seed in range(3):

@@ -12,6 +12,7 @@ from hubodo.sensors.north.circular import wrap_angle
 from hubodo.sensors.north.motion_from_gyro import _integrate_turns, find_runs, find_table_motion
 from hubodo.sensors.north.north_estimate import find_north
 from hubodo.sensors.north.stops import split_stops
+from repetitions import first_and_more
 
 
 def found_in(node, *, step=None, method="maytag4", limit=np.inf):
@@ -20,9 +21,10 @@ def found_in(node, *, step=None, method="maytag4", limit=np.inf):
 
 
 @pytest.mark.parametrize("world", WORLDS)
-def test_north_is_found_within_sigma_in_records_as_they_come(world):
+@pytest.mark.parametrize("count", first_and_more(3, 6))
+def test_north_is_found_within_sigma_in_records_as_they_come(world, count):
     z = []
-    for seed in range(6):
+    for seed in range(count):
         node, azimuth, *_ = WORLDS[world](seed)
         result, _ = found_in(node)
         z.append(float(wrap_angle(result.azimuth - azimuth)) / result.sigma)

@@ -14,6 +14,7 @@ from hubodo.sensors.north.east import seek_east
 from hubodo.sensors.north.north_estimate import find_north, horizontal_earth_rate
 from hubodo.sensors.north.simulated_table import SimulatedTable, simulate_stops
 from hubodo.sensors.north.stops import TableMotion
+from repetitions import first_and_more
 
 LATITUDE = np.radians(32.7574)
 TACTICAL = Sensor(0.05, 0.2, 0.3)
@@ -45,7 +46,7 @@ def built(seed, method, azimuth, *, sensor=TACTICAL, stops=20, stop=20.0, latitu
     )
 
 
-@pytest.mark.parametrize("method", ["maytag", "maytag4"])
+@pytest.mark.parametrize("method", first_and_more("maytag4", "maytag"))
 def test_stops_find_the_azimuth_with_an_honest_sigma_over_25_seeds(method):
     z = []
     for seed in range(25):

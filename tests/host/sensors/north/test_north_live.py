@@ -18,6 +18,7 @@ from hubodo.ingest.live import node_stream
 from hubodo.ingest.live.virtual_computer import VirtualComputer
 from hubodo.log.recording_reader import read_recording
 from hubodo.verbs import north_live
+from repetitions import first_and_more
 
 LATITUDE_DEG = 48.1
 # Horizontal Earth rate at that latitude: 15.041 deg/h times the cosine.
@@ -221,7 +222,7 @@ def test_it_ends_when_sigma_is_reached(table, computer, capsys):
     assert abs(off_by(result, 300.0)) < 4 * result["sigma_deg"]
 
 
-@pytest.mark.parametrize("method", ["maytag4", "east"])
+@pytest.mark.parametrize("method", first_and_more("maytag4", "east"))
 def test_a_run_that_was_cut_short_is_gone_on_with_from_its_log(
     computer, turning, tmp_path, capsys, monkeypatch, method
 ):

@@ -14,6 +14,7 @@ from hubodo.sensors.warmup.characterise import characterise_warmup
 from hubodo.sensors.warmup.fit import _jacobian, fit_warmup
 from hubodo.sensors.warmup.whiteness import autocorrelation_test, ljung_box
 from papers.filters.warmup_recursion import BiasRecursion
+from repetitions import first_and_more
 
 DEG = np.pi / 180.0
 NIGHT = 12 * 3600.0
@@ -175,7 +176,7 @@ def test_rates_are_also_given_in_deg_per_s_and_times_are_not():
     assert reported["time_constant"]["unit"] == "s" and "value_deg_per_s" not in reported["time_constant"]
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", first_and_more(0, 1))
 def test_no_warm_up_is_reported_for_a_random_walk_or_a_constant_bias(seed):
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, 3 * 3600.0, 3.0)
