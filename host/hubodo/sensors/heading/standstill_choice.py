@@ -23,6 +23,8 @@ MIN_ODDS = 20.0
 """Odds against all other hypotheses from which a standstill is accepted."""
 SURE_ODDS = 1000.0
 """Odds from which it needs no remark."""
+_CONFIRMING_RATIO = 10.0
+"""Likelihood ratio from which gravity or Earth rate confirms a bias, against the mean over its prior."""
 _BIAS_SIGMAS, _BIAS_WEIGHTS = np.radians([0.1, 0.3, 1.0, 4.0]), np.array([0.05, 0.2, 0.5, 0.25])
 """Prior of the bias: 1σ, rad/s, from the offset of a tactical to that of a cheap MEMS gyro, and weights.
 
@@ -36,6 +38,11 @@ _MAX_TURN_LENGTH_RATIO = 3.0
 """A steady turn is at most this much longer than the longest standstill, else none is accepted.
 
 Straight stretches of a drive last a second or two and share the rate of a slight curve of the road.
+"""
+_MIN_SOLE_LENGTH_RATIO = 1.2
+"""A sole standstill that begins the record and exceeds every steady turn by this ratio needs no confirmation.
+
+Among ten turns of its own length, one has by chance the small rate of a bias in every fifth record.
 """
 _STANDSTILL_COUNT, _TURN_COUNT = 8.0, 0.4
 """Parameters of the beta prior of the share of quiet segments that are standstills."""
@@ -123,6 +130,14 @@ def choose_standstills(
     is_slow = largest_rate < _MAX_SLOW_RATE and longest_turn > 0
     if is_slow or longest_turn > _MAX_TURN_LENGTH_RATIO * longest:
         return replace(choice, needed_odds=float("inf"))
+    starts, ends = segments.start[choice.is_standstill], segments.end[choice.is_standstill]
+    length = int((ends - starts).sum())
+    is_sole = length > 0 and int(ends.max() - starts.min()) == length
+    begins_record = is_sole and int(starts.min()) <= latest_start
+    if is_sole and not (begins_record and length >= _MIN_SOLE_LENGTH_RATIO * longest_turn):
+        evidence = 0.0 if log_evidence is None else float(log_evidence(np.array([choice.bias]))[0]) - normal
+        if evidence < np.log(_CONFIRMING_RATIO):
+            return replace(choice, needed_odds=float("inf"))
     return choice
 
 

@@ -49,6 +49,13 @@ def test_steady_turns_alone_are_no_standstill(tmp_path, capsys, world):
         assert "a steady turn looks like a standstill" in heading(path, capsys)
 
 
+@pytest.mark.parametrize("seed", [[3, 5], [9, 5]])
+def test_a_turn_with_the_small_rate_of_a_bias_is_no_standstill(tmp_path, capsys, seed):
+    """A single quiet segment between steady turns of its own length needs a confirmation."""
+    path, _ = folder(tmp_path / "log", seed, standstills=())
+    assert "a steady turn looks like a standstill" in heading(path, capsys)
+
+
 def test_the_file_of_one_gyro_is_enough(tmp_path, capsys):
     t, gyro, _, true_heading = steady_turns(1, first=60.0, segments=8, length=20.0)
     path = tmp_path / "gyro.csv"
