@@ -27,7 +27,7 @@ def tables() -> dict[tuple[int, str], list[tuple[str, str, str, str]]]:
 
 
 def split_type(words: str) -> tuple[str, int, bool]:
-    """Return (base, count, whether it is a counted table) of ``u8 count, then count x i16[6]``."""
+    """Return base, count and is_counted_table of ``u8 count, then count x i16[6]``."""
     repeats = words.startswith("u8 count, then count x ")
     base, _, count = words.removeprefix("u8 count, then count x ").rstrip("]").partition("[")
     return base, int(count or 1), repeats

@@ -139,8 +139,7 @@ class SensorMethods:
         """
         from hubodo.sensors.warmup.characterise import characterise_standstill_warmup
 
-        if channel not in NODE_COLUMNS[1:4]:
-            raise InputError(f"channel {channel!r}: choose from {', '.join(NODE_COLUMNS[1:4])}")
+        _check_gyro_channel(channel)
         standstill = self._standstill(node, channel, start=start, end=end, trust_units=trust_units)
         return characterise_standstill_warmup(standstill, age=age)
 
@@ -187,8 +186,7 @@ class SensorMethods:
         """
         from hubodo.sensors.filters.compare import compare_filters
 
-        if channel not in NODE_COLUMNS[1:4]:
-            raise InputError(f"channel {channel!r}: choose from {', '.join(NODE_COLUMNS[1:4])}")
+        _check_gyro_channel(channel)
         name = self._node(node)
         try:
             return compare_filters(
@@ -400,3 +398,9 @@ class SensorMethods:
             problem = "which node?" if name is None else f"no node {name!r}"
             raise InputError(f"{self.path}: {problem} It has {', '.join(nodes) or 'none'}")
         return name
+
+
+def _check_gyro_channel(channel: str) -> None:
+    """Raise InputError unless the channel is a gyro axis."""
+    if channel not in NODE_COLUMNS[1:4]:
+        raise InputError(f"channel {channel!r}: choose from {', '.join(NODE_COLUMNS[1:4])}")

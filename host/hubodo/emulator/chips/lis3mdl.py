@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from hubodo.arrays import Array
 from hubodo.emulator.chips.imu import Specimen
-from hubodo.emulator.chips.registers import Register, RegisterChip
-from hubodo.emulator.chips.sampling import ChipSamples, MeasureFunction, RawWords, SampleClock, quantise
+from hubodo.emulator.chips.magnetometer import TESLA_PER_GAUSS, Magnetometer
+from hubodo.emulator.chips.registers import Register
+from hubodo.emulator.chips.sampling import RawWords, quantise
 from hubodo.emulator.motion import Motion
 
 WHO_AM_I, CTRL1, CTRL2, CTRL3, CTRL4, CTRL5 = 0x0F, 0x20, 0x21, 0x22, 0x23, 0x24
 STATUS, OUT, TEMP_OUT = 0x27, 0x28, 0x2E
-TESLA_PER_GAUSS = 1e-4
 LSB_PER_GAUSS = (6842.0, 3421.0, 2281.0, 1711.0)
 ODR_HZ = (0.625, 1.25, 2.5, 5.0, 10.0, 20.0, 40.0, 80.0)
 FAST_ODR_HZ = (1000.0, 560.0, 300.0, 155.0)
@@ -38,27 +36,15 @@ REGISTERS: dict[int, Register] = {
 }
 
 
-class Lis3mdl(RegisterChip):
+class Lis3mdl(Magnetometer):
     """A LIS3MDL in the magnetic field of `motion`, in node axes.
 
     Register map, reset values and codes: ST DocID024204. Hard-iron offsets and self-test are not modelled.
     """
 
     def __init__(self, motion: Motion, specimen: Specimen | None = None, *, address: int = 0x1E) -> None:
-        specimen = specimen or Specimen()
-        self.motion = motion
-        self._auto_increment = False
-        self._sample, self._temperature, self._status = bytes(6), 0, 0
-        faults = tuple(f for f in specimen.faults if getattr(f, "chip", "mag") == "mag")
-        self.clock = SampleClock(
-            3,
-            odr_error=0.0,
-            odr_per_degree=0.0,
-            temperature=motion.temperature,
-            temperature_word=self._temperature_word,
-            faults=faults,
-        )
-        super().__init__("mag", address, REGISTERS, (WHO_AM_I, 0x3D), faults, strict=specimen.strict)
+        self._auto_increment, self._temperature = False, 0
+        super().__init__(motion, specimen, address, REGISTERS, (WHO_AM_I, 0x3D), self._temperature_word)
 
     @staticmethod
     def _temperature_word(degrees: Array) -> RawWords:
@@ -68,8 +54,7 @@ class Lis3mdl(RegisterChip):
     def power_on(self, t: float) -> None:
         """Reset the registers at t: operating mode power-down, no samples."""
         super().power_on(t)
-        self.clock.stop()
-        self._sample, self._temperature, self._status = bytes(6), 0, 0
+        self._temperature = 0
 
     @property
     def lsb(self) -> float:
@@ -98,13 +83,9 @@ class Lis3mdl(RegisterChip):
             self.power_on(t)
         elif register in (CTRL1, CTRL2, CTRL3):
             if self.values[CTRL3] & 3 in (_CONTINUOUS, _SINGLE):
-                self.clock.start(t, self.odr_hz, self._measure_function(self.lsb), np.full(3, self.lsb))
+                self.start_measuring(t, self.odr_hz)
             else:
                 self.clock.stop()
-
-    def _measure_function(self, lsb: float) -> MeasureFunction:
-        """Return the measurement function for a resolution."""
-        return lambda times: quantise(self.motion.magnetic_field(times), lsb)
 
     def _measure_until(self, t: float) -> None:
         """Measure the samples due by t."""
@@ -134,10 +115,6 @@ class Lis3mdl(RegisterChip):
         if register in (TEMP_OUT, TEMP_OUT + 1):
             return self._temperature.to_bytes(2, "little", signed=True)[register - TEMP_OUT]
         return self.values[register]
-
-    def truth(self) -> ChipSamples:
-        """Return all samples so far."""
-        return self.clock.truth()
 
     def quantised_samples(self) -> RawWords:
         """Return all samples so far, (n, 3) int16."""

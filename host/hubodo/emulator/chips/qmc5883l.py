@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from hubodo.emulator.chips.imu import Specimen
-from hubodo.emulator.chips.registers import Register, RegisterChip
-from hubodo.emulator.chips.sampling import ChipSamples, MeasureFunction, SampleClock, quantise
+from hubodo.emulator.chips.magnetometer import TESLA_PER_GAUSS, Magnetometer
+from hubodo.emulator.chips.registers import Register
+from hubodo.emulator.chips.sampling import quantise
 from hubodo.emulator.motion import Motion
 
 OUT, STATUS, TEMP_OUT, CONTROL_1, CONTROL_2, PERIOD, CHIP_ID = 0x00, 0x06, 0x07, 0x09, 0x0A, 0x0B, 0x0D
-TESLA_PER_GAUSS = 1e-4
 LSB_PER_GAUSS = (12000.0, 3000.0)
 ODR_HZ = (10.0, 50.0, 100.0, 200.0)
 _DATA_READY, _OVERFLOW, _SKIPPED = 0x01, 0x02, 0x04
@@ -28,7 +28,7 @@ REGISTERS: dict[int, Register] = {
 }
 
 
-class Qmc5883l(RegisterChip):
+class Qmc5883l(Magnetometer):
     """A QMC5883L in the magnetic field of `motion`, in node axes.
 
     Register map, reset values and codes: QST QMC5883L data sheet 1.0. The sensitivity is that of the data
@@ -36,25 +36,9 @@ class Qmc5883l(RegisterChip):
     """
 
     def __init__(self, motion: Motion, specimen: Specimen | None = None, *, address: int = 0x0D) -> None:
-        specimen = specimen or Specimen()
-        self.motion = motion
-        self._sample, self._status = bytes(6), 0
-        faults = tuple(f for f in specimen.faults if getattr(f, "chip", "mag") == "mag")
-        self.clock = SampleClock(
-            3,
-            odr_error=0.0,
-            odr_per_degree=0.0,
-            temperature=motion.temperature,
-            temperature_word=lambda degrees: quantise(degrees, 0.01),
-            faults=faults,
+        super().__init__(
+            motion, specimen, address, REGISTERS, (CHIP_ID, 0xFF), lambda degrees: quantise(degrees, 0.01)
         )
-        super().__init__("mag", address, REGISTERS, (CHIP_ID, 0xFF), faults, strict=specimen.strict)
-
-    def power_on(self, t: float) -> None:
-        """Reset the registers at t: standby, no samples."""
-        super().power_on(t)
-        self.clock.stop()
-        self._sample, self._status = bytes(6), 0
 
     @property
     def lsb(self) -> float:
@@ -74,14 +58,9 @@ class Qmc5883l(RegisterChip):
             self.power_on(t)
         elif register == CONTROL_1:
             if self.values[CONTROL_1] & 3 == 1:
-                rate_hz = ODR_HZ[self.values[CONTROL_1] >> 2 & 3]
-                self.clock.start(t, rate_hz, self._measure_function(self.lsb), np.full(3, self.lsb))
+                self.start_measuring(t, ODR_HZ[self.values[CONTROL_1] >> 2 & 3])
             else:
                 self.clock.stop()
-
-    def _measure_function(self, lsb: float) -> MeasureFunction:
-        """Return the measurement function for a resolution."""
-        return lambda times: quantise(self.motion.magnetic_field(times), lsb)
 
     def _measure_until(self, t: float) -> None:
         """Measure the samples due by t."""
@@ -105,7 +84,3 @@ class Qmc5883l(RegisterChip):
             self._status = 0
             return self._sample[register - OUT]
         return self.values[register]
-
-    def truth(self) -> ChipSamples:
-        """Return all samples so far."""
-        return self.clock.truth()

@@ -57,7 +57,7 @@ class FilterCore(WindowProcessor):
 
     Attributes
     ----------
-    windows, steps : number of windows so far, and of those with samples.
+    windows, steps : number of windows so far, and number of windows with samples.
     mounting_check, outages : accumulated evidence on the mounting, and the outages so far.
     pose_columns : columns of the states of a pose.
     outage_ends : ends of outages whose motion the wheel angles determined, by number of the last window.

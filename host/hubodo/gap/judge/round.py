@@ -178,8 +178,8 @@ def _prefer_simple(ordered: tuple[Hypothesis, ...], tempering: float) -> tuple[H
 
     Where residuals are correlated, any further coordinate can absorb some of the road's irregularities. If
     gains differ by less than the penalty of one coordinate, the more probable hypothesis is preferred. Of
-    several scopes of that effect, the one with the largest gain on held-out samples is preferred; of those
-    with equal gain, the one with the larger prior: a node with late samples rather than another with early
+    several scopes of that effect, the one with the largest gain on held-out samples is preferred; if these
+    gains are equal, the one with the larger prior: a node with late samples rather than another with early
     ones. The two hypotheses exchange their probabilities.
     """
     if not ordered or ordered[0].state is None or tempering < _MIN_CORRELATED_TEMPERING:
@@ -192,11 +192,11 @@ def _prefer_simple(ordered: tuple[Hypothesis, ...], tempering: float) -> tuple[H
         for k, one in enumerate(ordered)
         if not one.objection and one.state is not None
     }
-    candidates = list(gains)
-    chosen = next((k for k in candidates if gains[k] > max(gains.values()) - penalty), 0)
+    best_gain = max(gains.values(), default=0.0)
+    chosen = next((k for k, gain in gains.items() if gain > best_gain - penalty), 0)
     scopes = [
         k
-        for k in candidates
+        for k in gains
         if ordered[k].term.effect.name == ordered[chosen].term.effect.name
         and ordered[k].n_determined == ordered[chosen].n_determined
     ]

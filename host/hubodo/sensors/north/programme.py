@@ -14,7 +14,7 @@ from hubodo.sensors.north.drift import DriftNoise, drift_covariance
 
 STOP_LENGTHS_S = (2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 16.0, 20.0, 24.0, 34.0, 48.0, 68.0, 100.0, 150.0, 240.0)
 MAX_PROGRAMME_STOPS = 80
-"""Stops; a longer programme counts as repetitions of so many, because drift is not correlated beyond them."""
+"""Number of stops beyond which drift is uncorrelated; a longer programme repeats one of this length."""
 MIN_PROGRAMME_STOPS = 5
 """Four unknowns (two components, bias and ramp) plus one degree of freedom."""
 MIN_ERGODICITY_ESTIMATES = 16

@@ -51,7 +51,7 @@ def parameter_rows(
 ) -> list[tuple[str, str, str]]:
     """Return rows of parameter, value with sigma in SI, and the same in degrees or minutes.
 
-    sigmas: standard deviations to use in place of those of the fit.
+    sigmas: standard deviations that replace the fit's own.
     """
     rows = []
     for name in WARMUP_PARAMETERS[assessed.fit.kind]:
