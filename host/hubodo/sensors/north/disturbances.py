@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,6 +18,8 @@ The largest of 10,000 means of white noise deviates by four sigma. A blow that s
 0.3 s moves the mean of a stop of 20 s by less than its own sigma.
 """
 _MARGIN_S = 0.5
+_BOUND_SIGMAS = 3.0
+"""Sigmas between the estimate and the upper bound of the usual deviation."""
 _NEIGHBOURHOOD = 11
 """Means whose median is the level about each mean, so that drift is no blow."""
 
@@ -34,8 +37,7 @@ def find_disturbed_spans(
         for width_s in BLOW_WIDTHS_S:
             width = max(1, round(width_s / step))
             deviations = [_deviation_of_means(channel[i:j], width) for i, j in spans]
-            pooled = np.abs(np.concatenate([*deviations, np.zeros(0)]))
-            usual = 1.4826 * float(np.median(pooled)) if len(pooled) > 8 else 0.0
+            usual = _usual_deviation(np.concatenate([*deviations, np.zeros(0)]))
             if usual <= 0.0:
                 continue
             margin = round(_MARGIN_S / step)
@@ -45,6 +47,19 @@ def find_disturbed_spans(
                     size = float(abs(deviation[block])) / usual
                     blows.append((k, max(i, start - margin), min(j, end + margin), size))
     return _merge(blows)
+
+
+def _usual_deviation(deviations: Array) -> float:
+    """Return an upper bound of the usual deviation of a mean; 0 if there are too few means to tell.
+
+    The median absolute deviation of n normal values has a relative sigma of 1.17 / sqrt(n): few short stops
+    would otherwise make a blow of the largest of their means.
+    """
+    # A mean that is the median of its own neighbourhood shows nothing, nor does the first or the last one.
+    sizes = np.abs(deviations[deviations != 0.0])
+    if len(sizes) <= 8:
+        return 0.0
+    return 1.4826 * float(np.median(sizes)) * (1.0 + _BOUND_SIGMAS * 1.17 / math.sqrt(len(sizes)))
 
 
 def _deviation_of_means(values: Array, width: int) -> Array:

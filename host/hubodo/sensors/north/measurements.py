@@ -121,8 +121,10 @@ def _check_stops(measurements: Measurements, method: Method) -> None:
     """Raise InputError if there are too few stops, or if directions that the method needs are missing."""
     angles = np.concatenate([stops.angle for stops in measurements.stops])
     if len(angles) < MIN_STOP_COUNT:
+        excluded = "".join(f"; {note}" for stops in measurements.stops for note in stops.notes)
         raise InputError(
             f"{len(angles)} stops are too few; {method} needs at least {MIN_STOP_COUNT}, 18 to 20 are usual"
+            f"{excluded}"
         )
     tolerance = direction_tolerance(measurements.stops)
     along_first, across_first = (
