@@ -15,12 +15,20 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from hubodo.errors import HubodoError
+from hubodo.fuse.mounting_speed import MountingSpeed, mounting_speeds
 from hubodo.ingest.node.bias_filter import describe_filter_row
 from hubodo.log.any_log import open_as_mcap, open_source
 from hubodo.log.summary import SampleGap, StreamSummary, Summary, summarise, summarise_source
 from hubodo.progress import progress_line
 from hubodo.verbs.info_lines import health_line, metadata_lines, node_lines
-from hubodo.verbs.log_options import LOG_HELP, add_log_options, stated_input_format
+from hubodo.verbs.log_options import (
+    LOG_HELP,
+    VEHICLE_FILE,
+    add_log_options,
+    stated_input_format,
+    stored_vehicle,
+)
 
 EXAMPLE = "hubodo info drive.mcap"
 
@@ -29,9 +37,10 @@ _MAX_SHOWN_EVENTS = 20
 
 @dataclass(frozen=True)
 class LogInfo:
-    """The summary of a log."""
+    """The summary of a log, and up to which speeds the nodes of its vehicle measure, if it carries one."""
 
     summary: Summary
+    speeds: tuple[MountingSpeed, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Return the JSON result; times are in s since t = 0 unless the key ends in `_ns`."""
@@ -64,6 +73,7 @@ class LogInfo:
             "metadata": dict(s.metadata),
             "topics": dict(s.roles),
             "attachments": dict(s.attachments),
+            "speeds": [speed.as_json() for speed in self.speeds],
             "damaged": s.damaged,
             "warnings": list(s.warnings),
         }
@@ -88,6 +98,8 @@ class LogInfo:
         _print_events(s, print_line)
         for line in node_lines(s.metadata):
             print_line(line)
+        for speed in self.speeds:
+            print_line(speed.description)
         for node, values in s.health.items():
             print_line(health_line(node, values))
         for node, row in s.bias_filters.items():
@@ -234,9 +246,19 @@ def run(args: argparse.Namespace) -> LogInfo:
     form = stated_input_format(args, needed=())
     with progress_line() as show, open_source(args.log) as source:
         if source is not None:
-            return LogInfo(summarise_source(source, form.topic_selection, progress=show))
+            return _with_speeds(args.log, summarise_source(source, form.topic_selection, progress=show))
     with progress_line() as show, open_as_mcap(args.log, form) as file:
         summary = summarise(file, progress=show)
     # A converted log is a temporary file, which the user never named.
     warnings = tuple(line.replace(f"{file}: ", f"{args.log}: ") for line in summary.warnings)
-    return LogInfo(replace(summary, path=args.log, warnings=warnings))
+    return _with_speeds(args.log, replace(summary, path=args.log, warnings=warnings))
+
+
+def _with_speeds(log: Path, summary: Summary) -> LogInfo:
+    if VEHICLE_FILE not in summary.attachments and not (log / VEHICLE_FILE).is_file():
+        return LogInfo(summary)
+    try:
+        vehicle = stored_vehicle(log)
+    except HubodoError:  # a damaged vehicle file is named where it is needed
+        return LogInfo(summary)
+    return LogInfo(summary, tuple(mounting_speeds(vehicle, summary.metadata)))

@@ -13,6 +13,7 @@ from rich.console import Console
 
 from hubodo.atomic_files import write_atomically
 from hubodo.errors import ConfigError, InputError
+from hubodo.fuse.mounting_speed import MountingSpeed, mounting_speeds
 from hubodo.fuse.push_check import STANDSTILL_DURATION, WheelPush, check_push
 from hubodo.lengths import format_length, parse_length
 from hubodo.log.any_log import read_log
@@ -52,11 +53,14 @@ class VehicleResult:
         Its content.
     pushes
         The radius that each wheel implies, empty without a push.
+    speeds
+        Speeds at which the sensors of each wheel node reach their ranges.
     """
 
     path: str
     vehicle: Vehicle
     pushes: tuple[WheelPush, ...] = ()
+    speeds: tuple[MountingSpeed, ...] = ()
 
     @property
     def failed(self) -> bool:
@@ -80,6 +84,7 @@ class VehicleResult:
                 }
                 for p in self.pushes
             ],
+            "speeds": [speed.as_json() for speed in self.speeds],
         }
 
     def render(self, console: Console) -> None:
@@ -99,6 +104,7 @@ class VehicleResult:
             print_table(
                 console, ("node", "wheel turned", "radius by the push", "in the file", "verdict"), rows
             )
+        print_lines(console, [speed.description for speed in self.speeds])
         print_lines(console, [self.path])
 
 
@@ -172,19 +178,23 @@ def run(args: argparse.Namespace) -> VehicleResult:
     """
     if args.kind == "check":
         vehicle = load_vehicle(args.vehicle)
-        return VehicleResult(str(args.vehicle), vehicle, _check(args, vehicle))
+        return _check(args, vehicle, args.vehicle)
     if (args.push is None) != (args.log is None):
         raise InputError("--push and --log go together: the distance, and the log of the push")
     vehicle = _ask_vehicle(args, _prompt if sys.stdin.isatty() else None)
-    pushes = _check(args, vehicle) if args.push is not None else ()
+    result = VehicleResult(str(args.output), vehicle, speeds=tuple(mounting_speeds(vehicle, {})))
+    if args.push is not None:
+        result = _check(args, vehicle, args.output)
     write_atomically(args.output, vehicle_toml(vehicle))
-    return VehicleResult(str(args.output), vehicle, pushes)
+    return result
 
 
-def _check(args: argparse.Namespace, vehicle: Vehicle) -> tuple[WheelPush, ...]:
+def _check(args: argparse.Namespace, vehicle: Vehicle, path: Path) -> VehicleResult:
+    """Return the vehicle of a file, compared with the log of a push."""
     distance = parse_length(args.push, "--push")
     recording = read_log(args.log, input_format=stated_input_format(args, vehicle, needed=(NODES_ROLE,)))
-    return check_push(recording, vehicle, distance, str(args.log))
+    pushes = check_push(recording, vehicle, distance, str(args.log))
+    return VehicleResult(str(path), vehicle, pushes, tuple(mounting_speeds(vehicle, recording.metadata)))
 
 
 def _prompt(question: str) -> str:

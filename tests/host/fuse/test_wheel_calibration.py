@@ -33,6 +33,7 @@ from hubodo.log.csv_folder import write_folder
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import NodeMount, Vehicle
 from hubodo.verbs import calibrate
+from in_process import hubodo
 from repetitions import first_and_more
 from vehicles import vehicle_toml
 from wheel_runs import config, skip_held_out_segments, tables
@@ -166,16 +167,32 @@ def test_impossible_positions_are_refused_with_the_likely_reason(
         calibrate_wheels(config(drive), tables(drive), corrupt(_exact_positions(drive, 76)))
 
 
+def _jumping_positions(exact: Positions, seed: int) -> Positions:
+    """Return positions that jump by some 2 m at every twentieth."""
+    jump = np.cumsum(2.0 * np.random.default_rng(seed).standard_normal((2, len(exact) // 20 + 1)), axis=1)
+    error = np.repeat(jump, 20, axis=1)[:, : len(exact)]
+    return replace(exact, x=exact.x + error[0], y=exact.y + error[1])
+
+
 def test_positions_that_jump_again_and_again_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     skip_held_out_segments(monkeypatch)
     drive = _loop_drive(77, 60.0)
-    exact = _exact_positions(drive, 77)
-    jump = np.cumsum(2.0 * np.random.default_rng(77).standard_normal((2, len(exact) // 20 + 1)), axis=1)
-    error = np.repeat(jump, 20, axis=1)[:, : len(exact)]
+    jumping = _jumping_positions(_exact_positions(drive, 77), 77)
     with pytest.raises(CalibrationError, match=r"jumped [0-9]+ times among .*nothing is written"):
-        calibrate_wheels(
-            config(drive), tables(drive), replace(exact, x=exact.x + error[0], y=exact.y + error[1])
-        )
+        calibrate_wheels(config(drive), tables(drive), jumping)
+
+
+def test_a_truth_that_jumps_ends_with_exit_code_2_in_one_line_and_writes_nothing(tmp_path: Path) -> None:
+    drive = _loop_drive(77, 60.0)
+    jumping = _jumping_positions(_exact_positions(drive, 77), 77)
+    truth = Table({"t": jumping.t, "x": jumping.x, "y": jumping.y})
+    write_folder(Recording(tables(drive), truth=truth), tmp_path / "log")
+    (tmp_path / "v.toml").write_text(vehicle_toml(drive.radius, drive.track))
+    output = tmp_path / "c.toml"
+    done = hubodo("calibrate", "wheels", tmp_path / "log", "--vehicle", tmp_path / "v.toml", "-o", output)
+    assert done.code == 2 and not output.exists()
+    assert re.search(r"the positions jumped [0-9]+ times", done.err.strip().splitlines()[-1])
+    assert len(done.err.strip().splitlines()) == 1
 
 
 def test_a_tight_prior_keeps_the_track_width_fixed(monkeypatch: pytest.MonkeyPatch) -> None:

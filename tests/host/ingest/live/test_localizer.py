@@ -171,6 +171,25 @@ def test_a_straight_drive_has_the_heading_of_its_fixes():
     assert localizer.warnings() == []
 
 
+def test_map_to_odom_contains_the_correction_that_odom_has_not_followed_yet():
+    """/odom lags by 0.3 m and 0.1 rad; chained with map → odom it still gives the pose on the map."""
+    plain, lagging = Localizer(0), Localizer(0)
+    published = (0.1, -0.3, -0.1)
+    for item in straight_drive(20.0, heading=0.7):
+        if isinstance(item, FixSample):
+            plain.add_fix(item)
+            lagging.add_fix(item)
+            continue
+        odom = tuple(value + offset for value, offset in zip(item[1:4], published, strict=True))
+        expected, located = plain.add_pose(item), lagging.add_pose(item._replace(published=odom))
+    np.testing.assert_array_equal(located.position, expected.position)
+    assert located.heading == pytest.approx(expected.heading)
+    chained = located.odom_position[0] + _rotated(*odom[:2], located.odom_heading[0])
+    np.testing.assert_allclose(chained, located.position[0], atol=1e-9)
+    assert located.odom_heading[0] + odom[2] == pytest.approx(located.heading[0])
+    assert np.hypot(*(located.odom_position - expected.odom_position)[0]) > 0.2
+
+
 def test_the_thread_returns_the_poses_of_the_localizer_bit_by_bit_and_ends_with_its_input():
     localizer, expected, answers = Localizer(0), [], []
     thread = LocalizerThread(0, answers.append, bulkheads=Bulkheads(time.time_ns))
