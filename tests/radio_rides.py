@@ -43,9 +43,10 @@ def ride(
     seconds=SECONDS,
     cut=0,
     interpreter="cpython",
+    seed=7,
 ):
     """Run all boards on one radio medium in virtual time."""
-    radio_medium = RadioMedium(weather, seed=7)
+    radio_medium = RadioMedium(weather, seed=seed)
 
     def board(config, motion, *, chip=0.0, **settings):
         settings = {"host": Host("memory"), **settings}

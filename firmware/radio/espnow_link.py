@@ -14,6 +14,8 @@ from framing import START
 from link import Link
 from micropython import const
 
+from radio import FIRST, LAST
+
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
@@ -25,9 +27,6 @@ NUMBER = ANSWER = const(5)
 """Offset of the number in a node's packet, and of the bytes in a receiver's."""
 TO_ALL = const(0x80)
 """Flag in the number of a packet: it was broadcast."""
-LAST = const(127)
-FIRST = const(0)
-"""The first number after a start; then 1 to LAST repeatedly."""
 BROADCAST = b"\xff" * 6
 _REQUEST_BYTES = const(526)
 _AGAIN_MS = const(5)
