@@ -1,4 +1,4 @@
-"""Packets of one ESP-NOW node: each number is accepted once, and frames are forwarded in the order of the numbers."""
+"""Packets of one ESP-NOW node: each number is accepted once, frames are forwarded in order."""
 
 from time import ticks_diff
 
@@ -7,6 +7,10 @@ from micropython import const
 from outbox import Slot
 
 from radio import FIRST, LAST
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import Any
 
 _REPLAY_WINDOW = const(64)
 """Numbers before the next one that belong to duplicates, or to packets that came too late."""
@@ -29,7 +33,7 @@ class Reception:
         self.frames = self.lost = self.received = self.repeated = self.strong = self.dropped = 0
         self.address = None
         self._next = -1
-        self._held = [None] * _HELD
+        self._held: list[Any] = [None] * _HELD
         """Frames of the numbers from the next one on; None: not received."""
         self._count = 0
         self._free = []

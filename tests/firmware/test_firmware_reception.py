@@ -19,7 +19,7 @@ class Receiver:
         self.frames = []
 
     def add(self, *counts, ms=0):
-        """Receive the packets with these counts since the start of the node, and collect what is forwarded."""
+        """Receive the packets with these counts since the start of the node; collect the forwarded frames."""
         for count in counts:
             body = bytes([1 + count % 255, 1 + count // 255, 7])
             self.reception.add((count - 1) % LAST + 1 if count else 0, b"\xff" + body + b"\xff", 1, 3, ms)
@@ -92,7 +92,9 @@ def test_frames_that_no_longer_fit_are_forwarded_at_once(receiver):
     assert receiver.frames == [0, *range(2, 2 + HELD)] and receiver.counts() == (HELD + 1, 1, 0)
 
 
-@pytest.mark.parametrize("behind, is_duplicate", [(1, True), (REPLAY_WINDOW, True), (REPLAY_WINDOW + 1, False)])
+@pytest.mark.parametrize(
+    "behind, is_duplicate", [(1, True), (REPLAY_WINDOW, True), (REPLAY_WINDOW + 1, False)]
+)
 def test_numbers_up_to_the_replay_window_back_are_duplicates(receiver, behind, is_duplicate):
     receiver.add(*range(200))
     receiver.add(200 - behind)

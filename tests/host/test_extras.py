@@ -63,6 +63,8 @@ def commands_with_extras(folder: Path) -> Iterator[tuple[str, tuple[object, ...]
     yield "hubodo[foxglove]", ("play", log, "--foxglove")
     yield "hubodo[foxglove]", ("record", folder / "tty", "--foxglove", "-o", folder / "r.mcap")
     yield "hubodo[ros2]", ("record", folder / "tty", "--ros2", "-o", folder / "r.mcap")
+    yield "hubodo[ble]", ("record", "ble://hubodo-1", "--insecure-ble", "-o", folder / "r.mcap")
+    yield "hubodo[ble]", ("node", "ble://hubodo-1", "info", "--insecure-ble")
     yield "", ("flash", folder / "tty")
     yield "", ("export", log, "-o", folder / "csv")
     yield "", ("info", log)

@@ -105,10 +105,8 @@ class BleTransport:
             raise
 
     async def _connect(self) -> None:
-        try:
-            from bleak import BleakClient
-        except ImportError as error:
-            raise LinkError(f"{self.endpoint}: needs bleak; pip install 'hubodo[ble]'") from error
+        from bleak import BleakClient
+
         device = await self._find_node()
         client = BleakClient(device, lambda _: self._received.put(None), services=[SERVICE_UUID])
         await client.connect()

@@ -15,6 +15,7 @@ from urllib.parse import urlsplit
 from serial.tools import list_ports
 
 from hubodo.errors import InputError, LinkError
+from hubodo.extras import require_extra
 from hubodo.ingest.link.keys import KeyRing
 from hubodo.ingest.link.topic_name import TOPIC_KIND, is_topic, is_valid_topic
 
@@ -128,10 +129,13 @@ def attach_keys(port: PortName, key_file: Path | None, *, insecure: Collection[s
     """Return the port, for UDP and Bluetooth with the keys of its nodes.
 
     Raises InputError for a port that accepts packets of other machines without keys, unless its kind is in
-    `insecure`: anybody on the network, or within reach of the radio, could send samples to it.
+    `insecure`: anybody on the network, or within reach of the radio, could send samples to it; also for
+    Bluetooth without the extra that it needs.
     """
     if port.kind not in ("udp", BLE_KIND):
         return port
+    if port.kind == BLE_KIND:
+        require_extra("ble", f"port {port.text!r}")
     if key_file is not None:
         return replace(port, keys=KeyRing(key_file))
     if port.kind in insecure or (port.kind == "udp" and _is_loopback(port.address[0])):
