@@ -71,7 +71,7 @@ def test_two_nodes_with_one_id_on_one_line_are_reported_and_not_mixed():
         line.receive((one, other)[k % 2].batch())
         if k % 20 == 0:
             line.receive(one.hello_frame() + other.hello_frame())
-    node = next(iter(line.recorder.nodes.values()))
+    node = next(iter(line.recorder.nodes))
     assert node.decoder.counts.frames_undecoded == 60
     assert sum("serial" in notice.text for notice in line.recorder.notices) == 1
     for _ in range(5):
@@ -239,7 +239,7 @@ def test_a_line_with_many_serial_numbers_is_one_conflict_with_bounded_memory():
     for number in range(2000):
         node.hello = replace(node.hello, serial=b"%08d" % number)
         line.receive(node.hello_frame(), seconds=0.001)
-    (decoder,) = (node.decoder for node in line.recorder.nodes.values())
+    (decoder,) = (node.decoder for node in line.recorder.nodes)
     assert len(decoder._serials_received) <= 8
     events = [event for event in line.close().events if event.kind == "conflict"]
     assert len(events) == 1

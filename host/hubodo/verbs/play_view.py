@@ -19,7 +19,7 @@ from rich.table import Table
 from hubodo.calibration.file import read_calibration
 from hubodo.errors import InputError
 from hubodo.ingest.live.localizer import MapPose
-from hubodo.ingest.live.odometer import OdometryRows
+from hubodo.ingest.live.odometry_rows import OdometryRows
 from hubodo.ingest.replay.playback import Playback, recorded_messages, to_messages
 from hubodo.log import topics
 from hubodo.log.recording_reader import open_log, read_recording

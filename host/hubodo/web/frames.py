@@ -28,7 +28,7 @@ Frame = dict[str, Any]
 
 def motion_frame(recorder: Recorder, t: float, spins: Mapping[str, float]) -> Frame:
     """Return the fast part of a frame: wheel rates, odometry and map position."""
-    odometer = recorder.odometer
+    odometer = recorder.odometry.odometer
     frame: Frame = {"t": round(t, 2), "n": {n: _wheel(odometer, n, spin) for n, spin in spins.items()}}
     state = None if odometer is None else odometer.state
     if odometer is not None and state is not None:
@@ -62,8 +62,8 @@ def _sigma(variance: float, digits: int) -> float | None:
 
 def slow_frame(recorder: Recorder, snapshot: Snapshot) -> Frame:
     """Return the slow part of a frame from a snapshot of the recorder."""
-    biases = {} if recorder.odometer is None else recorder.odometer.biases()
-    sessions = {node.name: node for node in recorder.nodes.values()}
+    biases = {} if recorder.odometry.odometer is None else recorder.odometry.odometer.biases()
+    sessions = {node.name: node for node in recorder.nodes}
     log = snapshot.log
     return {
         "seconds": round(snapshot.seconds, 1),

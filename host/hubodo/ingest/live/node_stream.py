@@ -132,7 +132,7 @@ class NodeStream:
     @property
     def serial(self) -> str:
         """Serial of the node; empty before its Hello."""
-        nodes = list(self._recorder.nodes.values())
+        nodes = list(self._recorder.nodes)
         hello = next((node.decoder.hello for node in nodes if node.name == self.node), None)
         return "" if hello is None else hello.serial.hex()
 

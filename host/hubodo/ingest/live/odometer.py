@@ -7,13 +7,11 @@ the recorder processed them, so playback reproduces the result bit by bit.
 from __future__ import annotations
 
 import math
-import re
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.calibration.apply import SampleCorrection, zero_applied_effects
@@ -21,26 +19,20 @@ from hubodo.calibration.file import Calibration
 from hubodo.errors import InputError
 from hubodo.fuse.ranges import NodeRanges, determine_ranges
 from hubodo.fuse.wheel.config import WheelConfig, wheel_config
-from hubodo.fuse.wheel.drive_report import START_WINDOWS, list_warnings
 from hubodo.fuse.wheel.entries import GYRO_BIAS_X, GYRO_BIAS_Y, GYRO_BIAS_Z
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample, WheelState
-from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.records import Pose
 from hubodo.fuse.wheel.surface_speeds import SurfaceSpeedAverager, SurfaceSpeeds
 from hubodo.fuse.wheel.window import WINDOW_S
 from hubodo.ingest.live.continuous_odom import ContinuousOdom
-from hubodo.log.records import ImuBlock, Odometry, Sink, Transform
+from hubodo.ingest.live.odometer_warnings import MAX_WHEEL_WAIT_NS, OdometerWarnings
+from hubodo.ingest.live.odometry_rows import OdometryRows
+from hubodo.log.records import ImuBlock
 from hubodo.log.timebase import to_seconds
 from hubodo.units import NS_PER_S
 from hubodo.vehicle import Vehicle, facing_sign
 
 Vector = tuple[float, float, float]
-
-MAX_WHEEL_WAIT_NS = 3 * NS_PER_S
-"""Maximum time to wait for the second wheel after the first samples of the first."""
-
-_MIN_ADVICE_DISTANCE_M = 10.0
-_ADVICE_INTERVAL_WINDOWS = 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,39 +42,6 @@ class SpeedSample:
     t_ns: int
     left: float
     right: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class OdometryRows:
-    """Rows of /odom.
-
-    t_ns: (N,) host time; position: (N, 2) m; heading: (N,) rad; speed: (N,) m/s; yaw_rate: (N,) rad/s;
-    pose_covariance: (N, 3, 3) of x, y, heading; twist_covariance: (N, 2, 2) of speed, yaw rate.
-    """
-
-    t_ns: NDArray[np.int64]
-    position: Array
-    heading: Array
-    speed: Array
-    yaw_rate: Array
-    pose_covariance: Array
-    twist_covariance: Array
-
-    def write(self, sink: Sink, t_log_ns: int) -> None:
-        """Write the rows on /odom and /tf."""
-        sink.write_record(
-            Odometry(
-                self.t_ns,
-                t_log_ns,
-                self.position,
-                self.heading,
-                self.speed,
-                self.yaw_rate,
-                self.pose_covariance,
-                self.twist_covariance,
-            )
-        )
-        sink.write_record(Transform(self.t_ns, t_log_ns, self.position, self.heading))
 
 
 class Odometer:
@@ -128,13 +87,8 @@ class Odometer:
         self._last_ns: int | None = None
         self._state: WheelState | None = None
         self._continuous = ContinuousOdom()
-        self._initial_states = bytearray()  # not beyond the beginning: a drive may last for weeks
-        self._was_stationary = False
-        self._window_count = 0
+        self._warnings = OdometerWarnings()
         self._pose: Pose | None = None
-        self._reported_kinds: set[str] = set()
-        self._slips_reported: dict[str, int] = {}
-        self._advised_window = 0
         self._late_nodes: set[str] = set()
         self._first_ns: dict[str, int] = {}
         self._newest_ns: dict[str, int] = {}
@@ -228,49 +182,10 @@ class Odometer:
         return fresh
 
     def warnings(self, *, end: bool = False) -> list[str]:
-        """Return the warnings that were not reported yet.
-
-        A slip is reported once it has ended; other warnings are evaluated every few seconds after the first
-        10 m, and at the end.
-        """
-        if self._filter is None or not self._window_count:
+        """Return the warnings that were not reported yet; end: the drive is over."""
+        if self._filter is None:
             return []
-        return [
-            *self._slip_warnings(self._filter, end),
-            *self._advice_warnings(self._filter, self._window_count, end),
-        ]
-
-    def _slip_warnings(self, wheels: WheelFilter, end: bool) -> list[str]:
-        new = []
-        for wheel in wheels.core.wheels:
-            for slip in wheel.slip_detector.slips[self._slips_reported.get(wheel.name, 0) :]:
-                if end or slip.last is not None:
-                    self._slips_reported[wheel.name] = self._slips_reported.get(wheel.name, 0) + 1
-                    new.append(f"{wheel.name}: {slip.description}")
-        return new
-
-    def _advice_warnings(self, wheels: WheelFilter, windows: int, end: bool) -> list[str]:
-        if not end and (
-            self.distance < _MIN_ADVICE_DISTANCE_M
-            or windows < self._advised_window + _ADVICE_INTERVAL_WINDOWS
-        ):
-            return []
-        self._advised_window = windows
-        lines = [
-            f"{name}: first samples more than {MAX_WHEEL_WAIT_NS // NS_PER_S} s after the other wheel; "
-            "it is not used for the odometry"
-            for name in sorted(self._late_nodes)
-        ]
-        new = []
-        still = np.array(
-            [*self._initial_states, *([MotionState.STANDSTILL] if self._was_stationary else [])], np.float64
-        )
-        for line in [*lines, *list_warnings(wheels, still)]:
-            kind = re.sub(r"\d+(\.\d+)?", "#", line)
-            if kind not in self._reported_kinds:
-                self._reported_kinds.add(kind)
-                new.append(line)
-        return new
+        return self._warnings.new_warnings(self._filter, self.distance, self._late_nodes, end=end)
 
     def _config(self, names: list[str]) -> WheelConfig:
         try:
@@ -345,10 +260,7 @@ class Odometer:
             for pose in poses
         ]
         for pose in poses:
-            self._window_count += 1
-            if len(self._initial_states) < START_WINDOWS:
-                self._initial_states.append(int(pose.motion_state))
-            self._was_stationary |= pose.motion_state == MotionState.STANDSTILL
+            self._warnings.add_window(pose.motion_state)
             before, self._pose = self._pose, pose
             if before is not None and pose.t - before.t > 1.5 * WINDOW_S:
                 self.distance += math.hypot(pose.x - before.x, pose.y - before.y)
@@ -356,16 +268,7 @@ class Odometer:
                 self.distance += abs(pose.speed) * WINDOW_S
 
     def _build_rows(self, rows: list[tuple[int, WheelState]]) -> OdometryRows:
-        states = [state for _, state in rows]
+        times, states = zip(*rows, strict=True)
         self._state = states[-1]
         self.pose_count += len(rows)
-        covariance = np.array([state.covariance for state in states])
-        return OdometryRows(
-            np.array([t_ns for t_ns, _ in rows], np.int64),
-            np.array([(state.x, state.y) for state in states]),
-            np.array([state.heading for state in states]),
-            np.array([state.speed for state in states]),
-            np.array([state.yaw_rate for state in states]),
-            covariance[:, :3, :3],
-            covariance[:, 3:, 3:],
-        )
+        return OdometryRows.from_states(times, states)

@@ -9,23 +9,19 @@ from collections.abc import Callable, Iterable, Mapping
 
 from hubodo.calibration.file import Calibration
 from hubodo.errors import CalibrationError, InputError, WireMismatch
-from hubodo.fuse.wheel.records import Pose
 from hubodo.ingest.gnss.session import GnssSession
 from hubodo.ingest.link.connection import Connection
 from hubodo.ingest.link.link import Chunk, LinkLost, LinkReport, LinkUp, RefusedDatagrams, TopicMessage
 from hubodo.ingest.link.session import DAMAGED_SUFFIX, LinkSession
 from hubodo.ingest.live.bulkheads import Bulkheads
-from hubodo.ingest.live.calibration_check import CalibrationCheck
-from hubodo.ingest.live.latency import LatencyHistogram
 from hubodo.ingest.live.live_map import LiveMap
-from hubodo.ingest.live.localizer import FixSample
 from hubodo.ingest.live.localizer_thread import LocalizerOutput, LocalizerThread
-from hubodo.ingest.live.odometer import Odometer, OdometryRows, SpeedSample
-from hubodo.ingest.live.odometry_requests import OdometryRequest, OdometryRequests
+from hubodo.ingest.live.odometer import Odometer, SpeedSample
+from hubodo.ingest.live.odometry_requests import OdometryRequest
+from hubodo.ingest.live.recorded_odometry import RecordedOdometry
 from hubodo.ingest.node.gaps import LinkCounts
-from hubodo.ingest.node.identity import describe_firmware_difference
 from hubodo.ingest.node.log_times import LogTimeSequence
-from hubodo.ingest.node.naming import assign_name
+from hubodo.ingest.node.registry import NodeRegistry
 from hubodo.ingest.node.request_encoder import identification_request
 from hubodo.ingest.node.senders import Route
 from hubodo.ingest.node.session import NodeSession
@@ -35,7 +31,7 @@ from hubodo.ingest.topic.session import TopicSession
 from hubodo.log.records import EventRecord, ImuBlock, Metadata, RawFrame, Sink
 from hubodo.recording import Event
 from hubodo.vehicle import Vehicle
-from hubowire import Frame, Message, node_name
+from hubowire import Frame, Message
 
 RecorderInput = LinkReport | LocalizerOutput | OdometryRequest
 SendToLink = Callable[[str, bytes, str], bool]
@@ -77,38 +73,47 @@ class Recorder:
             port.label: TopicSession(port, create_handler(port, sink, self._log_times, vehicle), sink)
             for port in topic_ports
         }
-        self.nodes: dict[tuple[str, int, int], NodeSession] = {}
-        """Nodes by link label, node id and number of the board with this id (0 on a serial line)."""
-        self.odometer: Odometer | None = None
+        self.notices: list[Event] = []
+        """Events for the user; the view removes them once shown."""
+        self.nodes = NodeRegistry(
+            links,
+            sink,
+            self._transmit,
+            now_ns,
+            reserved=set(self.topics),
+            order=self._log_times,
+            clock_period=clock_period,
+            warn=lambda source, text: self.notices.append(Event(now_ns(), "warning", source, text)),
+        )
+        self.map = LiveMap(localizer, sink, now_ns, self.notices)
+        odometer = None
         if vehicle is not None:
-            self.odometer = Odometer(
+            odometer = Odometer(
                 vehicle,
                 t_zero_ns,
                 calibration=calibration,
                 rate_hz=odometry_rate_hz,
                 encoder_aided=any(port.role == "wheels" for port in topic_ports),
             )
-        self.latency = LatencyHistogram()
-        self.notices: list[Event] = []
-        """Events for the user; the view removes them once shown."""
-        self.map = LiveMap(localizer, sink, now_ns, self.notices)
-        self._requests = OdometryRequests(self.odometer, self._log_times, sink)
-        self._calibration_check = CalibrationCheck(calibration or Calibration(), sink, self.notices)
-        self._names = dict(links)
-        self._sink = sink
-        self._send = send
-        self._now_ns = now_ns
-        self._clock_period = clock_period
+        self.odometry = RecordedOdometry(
+            odometer,
+            self.map,
+            calibration or Calibration(),
+            order=self._log_times,
+            sink=sink,
+            now_ns=now_ns,
+            notices=self.notices,
+            bulkheads=self.bulkheads,
+        )
+        self._sink, self._send, self._now_ns = sink, send, now_ns
         self._undecoded_pieces = 0
-        self._firmware_versions: dict[str, tuple[int, ...]] = {}
 
     def handle(self, report: RecorderInput) -> None:
         """Handle a report of a link, an output of the localizer, or a request of another program."""
         if isinstance(report, LocalizerOutput):
             self.bulkheads.run("map", self.map.handle, report)
         elif isinstance(report, OdometryRequest):
-            if not self.bulkheads.run("odometry", self._handle_request, report):
-                report.on_outcome(False, "a fault, see the events of the recording")
+            self.odometry.handle_request(report, self.nodes)
         elif report.link in self.gnss:
             cause = report.data if isinstance(report, Chunk) else b""
             gnss = self.gnss[report.link]
@@ -138,7 +143,7 @@ class Recorder:
         match report:
             case LinkUp():
                 link.handle_up(report)
-                for node in self._nodes_on(report.link):
+                for node in self.nodes.on_link(report.link):
                     node.mute()
             case LinkLost():
                 link.handle_lost(report)
@@ -150,7 +155,7 @@ class Recorder:
         """Handle a report of the link of a GNSS receiver."""
         self._handle_connection(gnss.connection, report)
         if isinstance(report, Chunk):
-            self._forward_to_map(gnss.handle_bytes(report.data, report.t_ns), report.t_ns)
+            self.odometry.add_fixes(gnss.handle_bytes(report.data, report.t_ns), report.t_ns)
 
     def _handle_topic(self, topic: TopicSession, report: LinkReport) -> None:
         """Handle a report of the link of a ROS 2 topic."""
@@ -161,12 +166,11 @@ class Recorder:
 
     def _handle_topic_item(self, item: TopicItem, arrived_ns: int) -> None:
         if isinstance(item, ImuBlock):
-            self._update_odometry([item], arrived_ns)
+            self.odometry.add_samples([item], None, arrived_ns)
         elif isinstance(item, SpeedSample):
-            if self.odometer is not None:
-                self.bulkheads.run("odometry", self._handle_speeds, self.odometer, item, arrived_ns)
+            self.odometry.add_speeds(item, arrived_ns)
         else:
-            self._forward_to_map([item], arrived_ns)
+            self.odometry.add_fixes([item], arrived_ns)
 
     def _handle_connection(self, connection: Connection, report: LinkReport) -> None:
         match report:
@@ -176,22 +180,16 @@ class Recorder:
                 connection.handle_lost(report)
         self.notices += connection.take_notices()
 
-    def _handle_request(self, request: OdometryRequest) -> None:
-        event = self._requests.handle(request, self.nodes.values())
-        if event is not None:
-            self.notices.append(event)
-
     def tick(self, now_ns: int) -> None:
         """Run the periodic tasks; to be called about every 0.1 s or more often."""
         for link in self.links.values():
             self.bulkheads.run(f"link {link.label}", self._tick_link, link, now_ns)
-        for node in list(self.nodes.values()):
+        for node in self.nodes:
             self.bulkheads.run(_part_name(node), self._tick_node, node, now_ns)
         for label, topic in self.topics.items():
             self.bulkheads.run(f"topic {label}", lambda topic=topic: self.notices.extend(topic.tick(now_ns)))
         self.bulkheads.run("status", self._compare_firmware)
-        self.bulkheads.run("requests", self._requests.tick, now_ns)
-        self.bulkheads.run("odometry", self._report_odometry_warnings, now_ns)
+        self.odometry.tick(now_ns)
         for event in self.bulkheads.due_reports():
             self.report_event(event)
 
@@ -199,13 +197,13 @@ class Recorder:
         self.notices += link.tick(now_ns)
 
     def _tick_node(self, node: NodeSession, now_ns: int) -> None:
-        self._update_odometry(node.tick(now_ns), now_ns)
+        self.odometry.add_samples(node.tick(now_ns), node, now_ns)
         self.notices += node.notices
         node.notices.clear()
 
     def request(self, node: str, message: Message, description: str) -> bool:
         """Send a request of a user to a node; return False if there is no such node."""
-        session = self._find_node(node)
+        session = self.nodes.named(node)
         if session is not None:
             session.request(message, description)
         return session is not None
@@ -224,7 +222,7 @@ class Recorder:
             return
         for link in self.links.values():
             link.restart_timeouts(event.t_ns)
-        for node in self.nodes.values():
+        for node in self.nodes:
             node.note_host_suspension(begin_ns, event.t_ns)
 
     def log_undecoded(self, report: RecorderInput) -> None:
@@ -240,7 +238,7 @@ class Recorder:
     def repeat_state(self) -> None:
         """Repeat in a new log the state that later messages do not contain."""
         now_ns = self._now_ns()
-        for node in self.nodes.values():
+        for node in self.nodes:
             self.bulkheads.run(_part_name(node), node.repeat_state, now_ns)
         self.map.repeat_origin(now_ns)
 
@@ -256,13 +254,13 @@ class Recorder:
     def close(self) -> None:
         """End the recording: process and log everything that is held."""
         now_ns, run = self._now_ns(), self.bulkheads.run
-        for node in self.nodes.values():
+        for node in self.nodes:
             run(_part_name(node), self._close_node, node, now_ns)
         for gnss in self.gnss.values():
-            run(f"receiver {gnss.label}", lambda gnss=gnss: self._forward_to_map(gnss.close(), now_ns))
+            run(f"receiver {gnss.label}", lambda gnss=gnss: self.odometry.add_fixes(gnss.close(), now_ns))
         for label, topic in self.topics.items():
             run(f"topic {label}", topic.close, now_ns)
-        run("odometry", self._close_odometry, now_ns)
+        self.odometry.close(now_ns)
         if self._undecoded_pieces:
             text = f"{self._undecoded_pieces} frames were logged raw, not decoded: hubodo import decodes them"
             self.warn("recorder", text)
@@ -272,12 +270,7 @@ class Recorder:
             self.report_event(event)
 
     def _close_node(self, node: NodeSession, now_ns: int) -> None:
-        self._update_odometry(node.close(now_ns), now_ns)
-
-    def _close_odometry(self, now_ns: int) -> None:
-        if self.odometer is not None:
-            self._publish_odometry(self.odometer.finish(), now_ns)
-        self._report_odometry_warnings(now_ns, end=True)
+        self.odometry.add_samples(node.close(now_ns), node, now_ns)
 
     def fatal_error(self) -> WireMismatch | InputError | CalibrationError | None:
         """Return the error that makes the recording useless; None if there is none.
@@ -285,12 +278,11 @@ class Recorder:
         WireMismatch: the nodes of every link use another protocol version. InputError: no link has carried a
         frame, and all carry foreign data. CalibrationError: the calibration belongs to other nodes.
         """
-        if self._calibration_check.error is not None:
-            return self._calibration_check.error
-        nodes = list(self.nodes.values())
-        refusals = [node.decoder.mismatch_text for node in nodes if node.decoder.mismatch_text is not None]
-        if refusals and len(refusals) == len(nodes) and {node.link for node in nodes} == set(self.links):
-            return WireMismatch("; ".join(refusals))
+        if self.odometry.calibration_error is not None:
+            return self.odometry.calibration_error
+        mismatch = self.nodes.mismatch()
+        if mismatch is not None:
+            return WireMismatch(mismatch)
         foreign_links = [link for link in self.links.values() if link.foreign is not None and not link.frames]
         if foreign_links and len(foreign_links) == len(self.links):
             return InputError(
@@ -298,22 +290,13 @@ class Recorder:
             )
         return None
 
-    def _notify(self, t_ns: int, kind: str, source: str, text: str) -> None:
-        self.notices.append(Event(t_ns, kind, source, text))
-
-    def _find_node(self, name: str) -> NodeSession | None:
-        return next((node for node in self.nodes.values() if node.name == name), None)
-
-    def _nodes_on(self, label: str) -> list[NodeSession]:
-        return [node for (link, _, _), node in self.nodes.items() if link == label]
-
     def _handle_route(self, link: LinkSession, route: Route, chunk: Chunk) -> None:
         """Pass a frame to its node, after the held frames that precede it."""
         if route.should_identify:
             self._transmit(link.label, identification_request(route.node_id), chunk.sender)
         if route.board is None:
             return
-        node = self._get_or_create_node(link, (link.label, route.node_id, route.board))
+        node = self.nodes.get_or_create(link, route.node_id, route.board)
         part = _part_name(node)
         for frame, t_ns, counts in route.frames:
             cause = bytes((frame.type_id, frame.node)) + frame.payload
@@ -323,7 +306,7 @@ class Recorder:
     def _handle_frame(
         self, node: NodeSession, frame: Frame, t_ns: int, link: LinkCounts, arrived_ns: int
     ) -> None:
-        self._update_odometry(node.handle_frame(frame, t_ns, link), arrived_ns)
+        self.odometry.add_samples(node.handle_frame(frame, t_ns, link), node, arrived_ns)
 
     def _transmit(self, label: str, data: bytes, to: str) -> bool:
         sent: list[bool] = []
@@ -336,85 +319,14 @@ class Recorder:
         """Forward the reports of a radio receiver to the nodes they are about."""
         signals, receiver.received_signals = receiver.received_signals, []
         for signal in signals:
-            for node in self._nodes_on(link.label):
+            for node in self.nodes.on_link(link.label):
                 if node.node_id == signal.of_node:
-                    self._update_odometry(node.update_signal(signal), t_ns)
-
-    def _get_or_create_node(self, link: LinkSession, key: tuple[str, int, int]) -> NodeSession:
-        node = self.nodes.get(key)
-        if node is None:
-
-            def send(question: bytes) -> bool:
-                return self._transmit(link.label, question, link.senders.address(*key[1:]))
-
-            node = self.nodes[key] = NodeSession(
-                self._choose_name(link.label, key[1]),
-                link.label,
-                key[1],
-                send,
-                self._sink,
-                self._now_ns,
-                datagrams=link.datagrams,
-                clock_period=self._clock_period,
-                order=self._log_times,
-            )
-        return node
-
-    def _choose_name(self, label: str, node_id: int) -> str:
-        used_names = {*(node.name for node in self.nodes.values()), *self.topics}
-        unique, has_clash = assign_name(self._names[label], node_id, used_names)
-        if not has_clash:
-            return unique
-        name = node_name(node_id)
-        text = (
-            f"{label}: another node called {name!r} exists already; this one is recorded as {unique!r}: "
-            f"give ports names (left=/dev/...) or change the node id"
-        )
-        self._notify(self._now_ns(), "warning", label, text)
-        return unique
-
-    def _update_odometry(self, blocks: Iterable[ImuBlock], arrived_ns: int) -> None:
-        for block in blocks:
-            if self.odometer is not None:
-                self.bulkheads.run("odometry", self._handle_samples, self.odometer, block, arrived_ns)
-
-    def _handle_samples(self, odometer: Odometer, block: ImuBlock, arrived_ns: int) -> None:
-        if not self._calibration_check.can_use(odometer, self._find_node(block.node), block.node, arrived_ns):
-            return
-        self._publish_odometry(odometer.handle(block), arrived_ns)
-
-    def _handle_speeds(self, odometer: Odometer, speeds: SpeedSample, arrived_ns: int) -> None:
-        odometer.add_surface_speeds(speeds)
-        self._publish_odometry([], arrived_ns)
-
-    def _publish_odometry(self, motions: Iterable[OdometryRows], arrived_ns: int) -> None:
-        for motion in motions:
-            motion.write(self._sink, self._now_ns())
-            self.latency.add(self._now_ns() - arrived_ns)
-        if self.odometer is not None:
-            self._forward_to_map(self.odometer.take_poses(), arrived_ns)
-
-    def _forward_to_map(self, items: Iterable[Pose | FixSample], arrived_ns: int) -> None:
-        if self.odometer is not None:
-            self.map.put(items, arrived_ns)
+                    self.odometry.add_samples(node.update_signal(signal), node, t_ns)
 
     def _compare_firmware(self) -> None:
-        """Warn if nodes run different firmware, once per change."""
-        hellos = ((node.name, node.decoder.hello) for node in self.nodes.values())
-        versions = {name: tuple(hello.firmware) for name, hello in hellos if hello is not None}
-        if versions != self._firmware_versions:
-            self._firmware_versions = versions
-            difference = describe_firmware_difference(versions)
-            if difference is not None:
-                self.warn("recorder", difference)
-
-    def _report_odometry_warnings(self, now_ns: int, *, end: bool = False) -> None:
-        """Report the odometer's warnings to the user and the log."""
-        if self.odometer is None:
-            return
-        for line in self.odometer.warnings(end=end):
-            self._notify(now_ns, "warning", "odometry", f"odometry: {line}")
-            self._sink.write_record(EventRecord(Event(now_ns, "warning", "odometry", line)))
+        difference = self.nodes.compare_firmware()
+        if difference is not None:
+            self.warn("recorder", difference)
 
 
 def _part_name(node: NodeSession) -> str:

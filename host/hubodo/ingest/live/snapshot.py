@@ -231,7 +231,7 @@ def take_snapshot(recorder: Recorder, log: LogStatus, started_ns: int, now_ns: i
             *(_topic_link_status(topic) for topic in topics),
         ),
         (
-            *(_node_status(node, now_ns) for node in recorder.nodes.values()),
+            *(_node_status(node, now_ns) for node in recorder.nodes),
             *(
                 _topic_node_status(topic, topic.handler, now_ns)
                 for topic in topics
@@ -370,7 +370,7 @@ def _mean_vector(rows: NDArray[np.float64]) -> tuple[float, float, float]:
 
 
 def _odometry_status(recorder: Recorder) -> OdometryStatus | None:
-    odometer = recorder.odometer
+    odometer = recorder.odometry.odometer
     state = odometer.state if odometer is not None else None
     if odometer is None or state is None:
         return None

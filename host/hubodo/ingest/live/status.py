@@ -158,7 +158,7 @@ def _describe_latency(fields: dict[str, Any]) -> str:
 def build_result(recorder: Recorder, series: LogSeries, *, duration: float, messages: int) -> RecordResult:
     """Return the result of a recorder and its logs; messages: number of messages in them."""
     nodes = {}
-    for node in recorder.nodes.values():
+    for node in recorder.nodes:
         counts, health = node.decoder.counts, node.health
         nodes[node.name] = {
             "link": node.link,
@@ -213,7 +213,7 @@ def build_result(recorder: Recorder, series: LogSeries, *, duration: float, mess
 
 
 def _odometry_json(recorder: Recorder) -> dict[str, Any] | None:
-    odometer = recorder.odometer
+    odometer = recorder.odometry.odometer
     if odometer is None:
         return None
     state = odometer.state
@@ -225,7 +225,7 @@ def _odometry_json(recorder: Recorder) -> dict[str, Any] | None:
         "x": state.x if state else 0.0,
         "y": state.y if state else 0.0,
         "heading": state.heading if state else 0.0,
-        **recorder.latency.as_json(),
+        **recorder.odometry.latency.as_json(),
     }
 
 

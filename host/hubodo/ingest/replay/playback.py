@@ -15,7 +15,8 @@ from hubodo.calibration.apply import check_serial, find_starts
 from hubodo.calibration.file import Calibration, find_node_serial
 from hubodo.fuse.ranges import node_metadata
 from hubodo.ingest.live.localizer import FixSample, Localizer, MapPose, horizontal_sigma
-from hubodo.ingest.live.odometer import Odometer, OdometryRows, SpeedSample
+from hubodo.ingest.live.odometer import Odometer, SpeedSample
+from hubodo.ingest.live.odometry_rows import OdometryRows
 from hubodo.ingest.replay.odometry_setup import read_odometry_setup
 from hubodo.log import ros2, topics
 from hubodo.log.decode import ChannelDecoder, ChannelRows, normalise_type_name, parse_column_names
