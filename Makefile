@@ -154,7 +154,7 @@ audit: setup         ## known vulnerabilities of the installed packages, from th
 fleet: setup         ## two thousand logs of five minutes through hubodo batch, a second worker, an index of a year; about twenty minutes, 6 GB
 	$(BIN)/python tests/batch/fleet.py
 
-screenshots: setup browser ## every page in Chromium, wide and narrow, light and dark, and the images of the README; about two minutes
+screenshots: setup browser ## every page, also live page and recordings, in Chromium, wide and narrow, light and dark, and the images of the README; about three minutes
 	$(BIN)/python tests/pages/screenshots.py --update
 
 browser:             ## Chromium for the tests of pages, installed if missing and possible

@@ -13,8 +13,15 @@ VEHICLE_TOML = vehicle_toml(RADIUS, TRACK, more='radius_from = "rolled"\n')
 
 def short_drive(seed: int, rate_hz: float = 208.0, errors: Errors | None = None) -> WheelDrive:
     """Return a drive of 11 s: standstill, left bend, right bend, standstill."""
-    plan = legs([(2.0, 0.0, 0.0), (4.0, 1.2, 0.3), (4.0, 1.2, -0.4), (1.0, 0.0, 0.0)])
-    return drive(plan, np.random.default_rng(seed), errors, RADIUS, TRACK, rate_hz=rate_hz)
+    plan = [(2.0, 0.0, 0.0), (4.0, 1.2, 0.3), (4.0, 1.2, -0.4), (1.0, 0.0, 0.0)]
+    return planned_drive(plan, seed, rate_hz, errors)
+
+
+def planned_drive(
+    plan: list[tuple[float, float, float]], seed: int, rate_hz: float, errors: Errors | None = None
+) -> WheelDrive:
+    """Return a drive of legs (duration s, speed m/s, yaw rate rad/s)."""
+    return drive(legs(plan), np.random.default_rng(seed), errors, RADIUS, TRACK, rate_hz=rate_hz)
 
 
 def raw_rows(drive_: WheelDrive, node: str) -> list[tuple[int, ...]]:

@@ -1,5 +1,7 @@
 """Write each page by its verb and photograph it in headless Chromium: wide and narrow, light and dark.
 
+The live page shows two fake nodes in real time, the recordings page the logs that the verbs have written.
+
 `python tests/pages/screenshots.py` writes pages and screenshots into out/pages, and lists texts of low
 contrast and pages that are wider than a phone. `--only demo report` restricts it, `--update` renews the
 images of the README: demo.png and gap.png in host/images.
@@ -9,15 +11,26 @@ from __future__ import annotations
 
 import argparse
 import base64
+import contextlib
 import subprocess
 import sys
 import tempfile
+import time
+from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests"))
 
 from browser_page import Page  # noqa: E402
+from generators.fake_drive import planned_drive  # noqa: E402
+from hubodo.web.address import Address  # noqa: E402
+from hubodo.web.app import make_app  # noqa: E402
+from hubodo.web.config import Site  # noqa: E402
+from hubodo.web.library import RecordingLibrary  # noqa: E402
+from hubodo.web.server import serve_in_thread  # noqa: E402
+from page_recorder import RATE_HZ, RecorderWithPage  # noqa: E402
+from waiting import until  # noqa: E402
 
 FOLDER = ROOT / "out" / "pages"
 WIDTHS = {"wide": 1300, "phone": 390}
@@ -52,11 +65,22 @@ COMMANDS: dict[str, tuple[str, ...]] = {
         f"hubodo simulate {TABLE_MODEL} --duration 400 --azimuth-deg 30 -o table.mcap",
         "hubodo filters table.mcap --node left --channel gz --reference table --report filters.html --force",
     ),
+    "heading": (
+        f"hubodo simulate {TABLE_MODEL} --duration 400 --azimuth-deg 30 -o table.mcap",
+        "hubodo heading table.mcap --node left --report heading.html --force",
+    ),
     "fleet": ("hubodo batch fuse drive.mcap night.mcap -o fleet",),
 }
 """Commands that write a page, run in a folder with the files of `hubodo example`."""
 PAGES = {"demo": "demo/*/index.html", "gap": "gap/report.html", "fleet": "fleet/fleet.html"}
 """Patterns of pages with another name than `<page>.html`; the newest file counts."""
+
+
+SERVED_PAGES = ("live", "recordings")
+RIDE_SECONDS = 45.0
+RIDE = [(20.0, 0.0, 0.0), (9.0, 1.0, 0.3), (9.0, 1.2, -0.35), (9.0, 0.8, 0.3), (60.0, 1.0, 0.1)]
+"""Legs of the ride: duration s, speed m/s, yaw rate rad/s; it begins with a standstill."""
+SETTLING_SECONDS = 4.0  # until the page has its data and has drawn it
 
 
 def write_page(name: str, folder: Path) -> Path:
@@ -86,6 +110,24 @@ def reduce_palette(path: Path) -> None:
     Image.open(path).convert("RGB").quantize(256).save(path, optimize=True)
 
 
+@contextlib.contextmanager
+def served_page(name: str) -> Iterator[str]:
+    """Yield the address of the live page, or of the page of the recordings, while it is served."""
+    if name == "recordings":
+        site = Site(Address("127.0.0.1", 0))
+        with serve_in_thread(make_app(site, RecordingLibrary(FOLDER)), site) as port:
+            yield f"http://127.0.0.1:{port}/"
+        return
+    with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
+        recorder = RecorderWithPage(Path(folder), planned_drive(RIDE, 5, RATE_HZ))
+        for node in recorder.nodes:
+            stack.enter_context(node)
+        recorder.start()
+        stack.callback(recorder.stop)
+        time.sleep(RIDE_SECONDS)
+        yield f"http://127.0.0.1:{recorder.port}/"
+
+
 def inspect(page: Page, name: str) -> list[str]:
     """Take the four screenshots of the open page; return its defects."""
     defects = []
@@ -94,6 +136,9 @@ def inspect(page: Page, name: str) -> list[str]:
             page.colours(scheme)
             page.size(width, 900)
             page.open()
+            if name in SERVED_PAGES:
+                time.sleep(SETTLING_SECONDS)
+                until(lambda: not page.run("return document.querySelectorAll('.thumbnail:empty').length"))
             capture(page, FOLDER / f"{name}-{width_name}-{scheme}.png")
             used = page.run("return document.documentElement.scrollWidth")
             if used > width:
@@ -107,15 +152,19 @@ def inspect(page: Page, name: str) -> list[str]:
 def main() -> int:
     """Write, show and inspect the pages."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", nargs="+", choices=tuple(COMMANDS), default=tuple(COMMANDS))
+    names = (*COMMANDS, *SERVED_PAGES)
+    parser.add_argument("--only", nargs="+", choices=names, default=names)
     parser.add_argument("--update", action="store_true", help="renew the images of the README")
     args = parser.parse_args()
     FOLDER.mkdir(parents=True, exist_ok=True)
     subprocess.run(["hubodo", "example", "--force", "."], cwd=FOLDER, check=True, stdout=subprocess.DEVNULL)
     defects = []
     for name in args.only:
-        file = write_page(name, FOLDER)
-        with tempfile.TemporaryDirectory() as profile, Page(file.as_uri(), profile) as page:
+        with contextlib.ExitStack() as stack:
+            served = name in SERVED_PAGES
+            url = stack.enter_context(served_page(name)) if served else write_page(name, FOLDER).as_uri()
+            profile = stack.enter_context(tempfile.TemporaryDirectory())
+            page = stack.enter_context(Page(url, profile))
             defects += inspect(page, name)
             if args.update and name in README_WIDTHS:
                 page.colours("light")
@@ -124,7 +173,7 @@ def main() -> int:
                 image = ROOT / "host" / "images" / f"{name}.png"
                 capture(page, image, MAX_README_HEIGHT)
                 reduce_palette(image)
-        print(f"{name}: {file}")
+        print(f"{name}: {url}")
     print("\n".join(sorted(set(defects))) or "no defects")
     return bool(defects)
 

@@ -120,10 +120,16 @@ class Log:
         """Fraction of the file that `chunks()` has read."""
         return self._position / max(1, self.scan.size)
 
-    def chunks(self) -> Iterator[ChunkMessages]:
-        """Yield all messages, chunk by chunk in file order; damage is recorded and skipped."""
+    def chunks(self, at_most: int | None = None) -> Iterator[ChunkMessages]:
+        """Yield all messages, chunk by chunk in file order; damage is recorded and skipped.
+
+        at_most: number of chunks to read, at equal steps from the first one.
+        """
         self.messages_read = 0
-        for location in self.scan.chunks:
+        chosen = range(len(self.scan.chunks))
+        if at_most is not None and at_most < len(chosen):
+            chosen = range(0, len(chosen), -(-len(chosen) // at_most))
+        for location in (self.scan.chunks[number] for number in chosen):
             self._position = location.offset + location.length
             messages = self._read_chunk(location)
             if messages is not None:

@@ -24,6 +24,7 @@ from hubodo.web.guess_limiter import GuessLimiter, TooManyGuesses
 from hubodo.web.hub import FrameHub
 from hubodo.web.jobs import SCRATCH, Job, JobQueue
 from hubodo.web.library import RecordingFile, RecordingLibrary
+from hubodo.web.preview_cache import PreviewCache
 from hubodo.web.request_body import RequestRefused, json_response, parse_form, read_body, read_json
 from hubodo.web.secrets import SESSION_LIFETIME_S, AccessSecrets
 
@@ -55,6 +56,7 @@ class RequestHandlers:
         self._actions = actions
         self._limiter = limiter
         self._jobs = JobQueue(site.job_limit)
+        self._previews = PreviewCache(library.derived)
 
     def routes(self) -> list[Route | WebSocketRoute | Mount]:
         """Return all routes."""
@@ -64,6 +66,7 @@ class RequestHandlers:
             Route("/logout", self._logout, methods=["POST"]),
             Route("/api/recordings", self._recordings),
             Route("/api/recordings/{name:path}", self._download),
+            Route("/api/paths/{name:path}", self._path_preview),
             Route("/api/jobs", self._start_job, methods=["POST"]),
             Route("/api/jobs/{number}", self._job),
             Route("/api/jobs/{number}/cancel", self._cancel_job, methods=["POST"]),
@@ -156,6 +159,10 @@ class RequestHandlers:
         entry = self._entry(request.path_params["name"])
         name = entry.name.rpartition("/")[2]
         return FileResponse(entry.path, filename=name, media_type="application/octet-stream")
+
+    async def _path_preview(self, request: Request) -> Response:
+        entry = self._entry(request.path_params["name"])
+        return Response(await self._previews.get(entry), media_type="application/json")
 
     async def _report(self, request: Request) -> Response:
         return self._page(request, "report.html")

@@ -22,7 +22,6 @@ from hubodo.recording import Event
 from hubodo.vehicle import facing_sign
 from hubowire.messages import Fault
 
-_WGS84_RADIUS_M, _WGS84_ECCENTRICITY_SQUARED = 6_378_137.0, 6.694_379_990_141e-3
 Frame = dict[str, Any]
 
 
@@ -135,18 +134,3 @@ def _round_6(values: Sequence[float | None]) -> list[float | None]:
 def event_frame(event: Event, wall: float) -> Frame:
     """Return an event for the page; `wall` is its time in s since 1970."""
     return {"at": round(wall, 1), "kind": event.kind, "source": event.source, "text": event.text}
-
-
-def local_east_north(
-    latitude_deg: float, longitude_deg: float, origin_deg: tuple[float, float]
-) -> tuple[float, float]:
-    """Return metres east and north of the origin, by its radii of curvature (WGS 84), for drawing."""
-    latitude = math.radians(origin_deg[0])
-    squared = 1.0 - _WGS84_ECCENTRICITY_SQUARED * math.sin(latitude) ** 2
-    normal_radius = _WGS84_RADIUS_M / math.sqrt(squared)
-    meridian_radius = normal_radius * (1.0 - _WGS84_ECCENTRICITY_SQUARED) / squared
-    east = math.remainder(longitude_deg - origin_deg[1], 360.0)
-    return (
-        math.radians(east) * normal_radius * math.cos(latitude),
-        math.radians(latitude_deg - origin_deg[0]) * meridian_radius,
-    )

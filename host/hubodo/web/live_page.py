@@ -16,7 +16,8 @@ from hubodo.log.log_series import LogSeries
 from hubodo.log.log_writer import LogWriter
 from hubodo.recording import Event
 from hubodo.units import NS_PER_S
-from hubodo.web.frames import Frame, event_frame, local_east_north, motion_frame, slow_frame
+from hubodo.web.frames import Frame, event_frame, motion_frame, slow_frame
+from hubodo.web.local_plane import local_east_north
 from hubodo.web.log_observer import LogObserver
 
 _FRAME_PERIOD_NS = NS_PER_S // 10

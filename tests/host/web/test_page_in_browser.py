@@ -1,76 +1,14 @@
 """The live page in a real browser: content, buttons, restart of the recorder, accessibility."""
 
-import contextlib
-import os
-import random
-import socket
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
 
 import wanted
 from browser_page import Page
-from fakes.fake_node import FakeNode
-from generators.fake_drive import VEHICLE_TOML, raw_rows, short_drive
 from hubowire.messages import BiasInit
+from page_recorder import RecorderWithPage
 from waiting import until
 
 pytestmark = pytest.mark.real_time
-ROOT = Path(__file__).resolve().parents[3]
-
-
-def free_port():
-    """Return a free port below the ephemeral range, whose ports another test may use a moment later."""
-    for port in random.Random(os.getpid()).sample(range(15_000, 30_000), 100):
-        with contextlib.suppress(OSError), socket.create_server(("127.0.0.1", port)):
-            return port
-    raise OSError("no port is free")
-
-
-class RecorderWithPage:
-    """Two fake nodes in real time, and a recorder with its page that can be stopped and started."""
-
-    def __init__(self, folder):
-        self.folder, self.logs = folder, 0
-        (folder / "vehicle.toml").write_text(VEHICLE_TOML)
-        self.port = free_port()
-        drive = short_drive(5, 104.0)
-        self.nodes = [
-            FakeNode(
-                node_id=number,
-                rate_hz=104.0,
-                rows=raw_rows(drive, name) * 3,
-                bias_q12=(900, -1400, 600),
-                serial=f"FAKE000{number}".encode(),
-            )
-            for number, name in ((1, "left"), (2, "right"))
-        ]
-        self.process = None
-
-    def start(self):
-        self.logs += 1
-        ports = [node.path for node in self.nodes]
-        command = ["record", *ports, "-o", self.folder / f"ride{self.logs}.mcap"]
-        command += ["--vehicle", self.folder / "vehicle.toml", f"--web=127.0.0.1:{self.port}"]
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "hubodo.cli", *map(str, command)],
-            env={**os.environ, "PYTHONPATH": f"{ROOT / 'host'}:{ROOT / 'protocol'}"},
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-        )
-        until(self.is_listening)
-
-    def is_listening(self):
-        assert self.process.poll() is None, self.process.stderr.read()
-        with contextlib.suppress(OSError):
-            socket.create_connection(("127.0.0.1", self.port), timeout=1).close()
-            return True
-
-    def stop(self):
-        self.process.terminate()
-        return self.process.communicate(timeout=300)[1].decode()
 
 
 @pytest.fixture(scope="module")

@@ -49,6 +49,7 @@ def test_after_login_gap_runs_on_a_click_with_progress_and_its_page_opens(folder
         page.run(f"document.getElementById('token').value = '{TOKEN}'; document.forms[0].submit()")
         until(lambda: page.run("return document.querySelectorAll('.recording').length") == 1)
         assert page.run("return document.getElementById('view-live').hidden")
+        until(lambda: page.run("return document.querySelector('.thumbnail polyline')"))
         page.run(
             "const order = document.querySelector('select'); order.value = 'size';"
             "order.dispatchEvent(new Event('change'))"

@@ -82,12 +82,42 @@ def test_recordings_are_listed_and_downloaded_by_their_names(browser, log):
     ],
 )
 def test_no_name_reaches_a_file_outside_the_folder(browser, name):
-    for where in ("/api/recordings", "/pages/report", "/pages/gap"):
+    for where in ("/api/recordings", "/api/paths", "/pages/report", "/pages/gap"):
         answer = browser.get(f"{where}/{name}")
         assert answer.status_code in (307, 404) or (name == "" and where == "/api/recordings")
         assert "secret" not in answer.text and "root:" not in answer.text
     assert browser.post("/api/jobs", json={"kind": "info", "name": name}).status_code == 404
     assert browser.get(f"/static/{name}").status_code == 404
+
+
+@pytest.mark.parametrize("kind", ["odometry", "gnss"])
+def test_the_path_of_a_log_covers_it_from_a_bounded_number_of_chunks_and_is_cached(browser, folder, kind):
+    turn = np.linspace(0.0, np.pi, 300)  # one chunk each
+    position = 100.0 * np.column_stack([np.sin(turn), 1.0 - np.cos(turn)])
+    with LogWriter(folder / "half.mcap", t_zero_ns=0) as writer:
+        for number, place in enumerate(position):
+            t_ns = np.array([(number + 1) * 1_000_000_000])
+            if kind == "odometry":
+                writer.write_odometry(t_ns, t_ns, place[None], [turn[number]], [1.0], [0.1])
+            else:
+                degrees = place[1] / 110_574.0, place[0] / 111_320.0  # at the equator
+                writer.write_gnss_fix(t_ns, t_ns, [degrees[0]], [degrees[1]], [0.0])
+            writer.flush()
+    answer = browser.get("/api/paths/half.mcap").json()
+    assert answer["topic"] == {"odometry": "/odom", "gnss": "/gnss/fix"}[kind]
+    points = np.array(answer["points"])
+    assert 80 <= len(points) <= 300
+    np.testing.assert_allclose(np.hypot(points[:, 0], points[:, 1] - 100.0), 100.0, atol=0.5)
+    assert points[0, 1] < 0.1 and points[-1, 1] > 199.0
+    cached = folder / "pages" / "half.mcap" / "path.json"
+    cached.write_text(cached.read_text().replace(answer["topic"], "/cached"))
+    assert browser.get("/api/paths/half.mcap").json()["topic"] == "/cached"
+
+
+def test_a_log_without_positions_and_a_file_that_is_no_log_have_no_path(browser, folder):
+    (folder / "text.mcap").write_text("no log")
+    for name in ("a.mcap", "text.mcap"):
+        assert browser.get(f"/api/paths/{name}").json()["points"] == []
 
 
 def test_a_model_must_be_in_the_folder_and_the_kind_of_job_must_be_known(browser):

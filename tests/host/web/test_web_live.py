@@ -25,10 +25,10 @@ from hubodo.web.actions import Actions
 from hubodo.web.address import Address
 from hubodo.web.app import make_app
 from hubodo.web.config import Site
-from hubodo.web.frames import local_east_north
 from hubodo.web.hub import HISTORY_FRAMES, FrameHub
 from hubodo.web.library import RecordingLibrary
 from hubodo.web.live_page import LivePage
+from hubodo.web.local_plane import local_east_north
 from hubodo.web.request_body import RequestRefused
 from hubodo.web.server import serve_in_thread
 from hubodo.web.thin_path import ThinnedPath

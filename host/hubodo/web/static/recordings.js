@@ -2,6 +2,7 @@
 
 import { call, toast } from "./server.js";
 import { element } from "./nodes.js";
+import { thumbnail } from "./thumbnail.js";
 
 const POLL_MS = 500;
 const ORDERS = {
@@ -50,6 +51,7 @@ export class Recordings {
     const when = new Date(recording.changed * 1000).toLocaleString([], { hour12: false });
     const size = recording.size < 1e8 ? `${(recording.size / 1e6).toFixed(1)} MB` : `${(recording.size / 1e9).toFixed(2)} GB`;
     const buttons = element("div", { class: "row" });
+    if (!recording.current) { card.append(thumbnail(recording, path)); }
     card.append(
       element("div", { class: "head" }, element("h2", {}, recording.name),
         element("span", { class: "dim" }, `${when}, ${size}`),
