@@ -14,6 +14,7 @@ _NUMBER = re.compile(
 _QUANTITY = re.compile(r"[-+−<>]? ?[\d.][\d.,e+-]*( ± [\d.e+-]+)? \S{1,12}")
 """A number with its unit, which stays on one line on a wide screen."""
 _WIDE_COLUMNS = 5  # columns from which a narrow screen shows a row as lines of label and value
+_WIDE_CHARACTERS = 60  # of a row, above which it does so with fewer columns
 
 
 def html_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -23,7 +24,7 @@ def html_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
         "number" if any(headings) and _is_numeric([row[k] for row in rows if k < len(row)]) else "text"
         for k in range(n_columns)
     ]
-    is_wide = n_columns >= _WIDE_COLUMNS and any(headings)
+    is_wide = any(headings) and (n_columns >= _WIDE_COLUMNS or _is_long(rows))
     labels = [f' data-label="{html.escape(text)}"' if is_wide else "" for text in headings]
     labels += [""] * (n_columns - len(labels))
     head = "".join(
@@ -40,6 +41,12 @@ def html_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     top = f"<thead><tr>{head}</tr></thead>" if any(headings) else ""
     tag = '<table class="wide">' if is_wide else "<table>"
     return f"{tag}{top}<tbody>{body}</tbody></table>"
+
+
+def _is_long(rows: Sequence[Sequence[str]]) -> bool:
+    """Return True if at least three columns are together longer than a line of a narrow screen."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=False)]
+    return len(widths) > 2 and sum(widths) > _WIDE_CHARACTERS
 
 
 def _cell_class(kind: str, text: str) -> str:

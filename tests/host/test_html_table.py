@@ -24,3 +24,9 @@ def test_a_table_without_headings_has_no_empty_row_and_text_on_the_left():
 def test_each_cell_of_a_wide_table_names_its_column_for_narrow_screens():
     text = html_table("abcde", ["12345"])
     assert text.startswith('<table class="wide">') and '<td class="number" data-label="e">5</td>' in text
+
+
+def test_three_columns_with_a_sentence_are_wide_and_two_are_not():
+    sentence = "the mean over t has a standard deviation of N/√t, the integral one of N·√t"
+    assert 'data-label="meaning"' in html_table(("term", "value", "meaning"), [("N", "0.5", sentence)])
+    assert "data-label" not in html_table(("term", "meaning"), [("N", sentence)])

@@ -8,7 +8,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from hubodo.pages.drawing import Drawing, new_figure, render_drawing
+from hubodo.pages.drawing import Drawing, add_legend_above, new_figure, render_drawing
 
 Values = NDArray[Any]
 _MAX_CURVE_POINTS = 2000
@@ -92,9 +92,8 @@ def plot_curves(
         axes.set_ylim(bottom=0.0)
     if equal:
         axes.set_aspect("equal", adjustable="datalim")
-    handles = [handle for scale, _, _ in scales for handle in scale.get_legend_handles_labels()[0]]
-    if len(handles) > 1:
-        figure.legend(handles=handles, loc="outside upper left", ncols=6, fontsize=9, frameon=False)
+    if sum(len(scale.get_legend_handles_labels()[0]) for scale, _, _ in scales) > 1:
+        add_legend_above(figure)
     return figure
 
 

@@ -6,6 +6,7 @@ import argparse
 import html
 import io
 import re
+import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,12 @@ _FIGURE_SUFFIXES = (".png", ".svg", ".pdf")
 _MATPLOTLIB_MISSING = "a figure needs matplotlib, which cannot be loaded here: pip install 'matplotlib>=3.8'"
 
 
+_LEGEND_POINTS = 8.5
+"""Font size of legends, points; a character is about 0.6 and the line before it 4.5 times as wide."""
+_NARROW_WIDTH_IN, _NARROW_HEIGHT_RATIO = 4.4, 0.9
+"""Size of a figure for a phone: inches, and share of the height of the wide one."""
+_NARROW_CHARACTERS = 40
+"""Longest line of a title or label in it."""
 _COLOUR_IN_STYLE = re.compile(r"\b(fill|stroke): #([0-9a-f]{6})")
 DARK_COLOURS = {
     "000000": "#e6e8ea",
@@ -70,23 +77,55 @@ def new_figure(width_inches: float, height_inches: float) -> Any:
     return figure
 
 
-def add_legend_above(axes: Any, *, columns: int = 4) -> None:
-    """Add the legend of axes above all axes of their figure, where it hides no data."""
-    handles, labels = axes.get_legend_handles_labels()
-    axes.figure.legend(
-        handles, labels, loc="outside upper left", ncols=columns, fontsize=8, frameon=False, markerscale=2.0
+def add_legend_above(figure: Any) -> None:
+    """Add or renew the legend of all labelled artists above the axes of a figure, where it hides no data."""
+    by_label: dict[str, Any] = {}
+    for axes in figure.axes:
+        handles, labels = axes.get_legend_handles_labels()
+        by_label = {**dict(zip(labels, handles, strict=True)), **by_label}
+    for legend in tuple(figure.legends):
+        legend.remove()
+    if not by_label:
+        return
+    widest = _LEGEND_POINTS * (0.6 * max(map(len, by_label)) + 4.5)
+    columns = max(1, min(len(by_label), int(72.0 * figure.get_figwidth() / widest)))
+    figure.legend(
+        list(by_label.values()),
+        list(by_label),
+        loc="outside upper left",
+        ncols=columns,
+        fontsize=_LEGEND_POINTS,
+        frameon=False,
     )
 
 
 def render_drawing(draw: Callable[[], Any]) -> Drawing:
-    """Return the matplotlib figure made by draw() as a drawing for a page.
+    """Return the matplotlib figure made by draw() as a drawing for a page, for wide and for narrow screens.
 
     If matplotlib cannot be loaded, the drawing is a line that says what to install.
     """
     try:
-        return Drawing(_follow_page_colours(figure_to_svg(draw())))
+        figure = draw()
     except InputError as error:
         return Drawing(f'<p class="dim">{html.escape(str(error))}</p>')
+    wide = figure_to_svg(figure)
+    _make_narrow(figure)
+    return Drawing(
+        f'<div class="on-wide">{_follow_page_colours(wide)}</div>'
+        f'<div class="on-narrow">{_follow_page_colours(figure_to_svg(figure))}</div>'
+    )
+
+
+def _make_narrow(figure: Any) -> None:
+    """Resize a figure for a phone, where its text would otherwise shrink with it."""
+    width, height = figure.get_size_inches()
+    figure.set_size_inches(min(width, _NARROW_WIDTH_IN), height * _NARROW_HEIGHT_RATIO)
+    figure.set_layout_engine("constrained")
+    for axes in figure.axes:
+        axes.set_xlabel(textwrap.fill(axes.get_xlabel(), _NARROW_CHARACTERS))
+        axes.set_title(textwrap.fill(axes.get_title(), _NARROW_CHARACTERS))
+    if figure.legends:
+        add_legend_above(figure)
 
 
 def _follow_page_colours(svg: str) -> str:
@@ -108,7 +147,7 @@ def figure_to_svg(figure: Any) -> str:
     out = io.StringIO()
     size = figure.get_size_inches()
     # Element ids must differ between the figures of a page but be reproducible from run to run.
-    salt = repr([axes.get_ylabel() + axes.get_title() for axes in figure.axes])
+    salt = repr([float(size[0]), *(axes.get_ylabel() + axes.get_title() for axes in figure.axes)])
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": salt, "font.family": "sans-serif"}):
         _fix_layout(figure)
         figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})

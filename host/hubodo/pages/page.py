@@ -38,7 +38,8 @@ th:first-child, td:first-child, th.text, td.text { text-align: left; } td.number
 details { margin-top: 1rem; border-top: 1px solid var(--line); } details h2 { margin-top: 1rem; }
 summary { cursor: pointer; padding: 0.5rem 0; } summary h2 { display: inline; margin: 0; }
 @media (max-width: 40rem) { body { margin: 1rem auto; } table { font-size: 0.85rem; }
-  th, td { padding-right: 0.6rem; } .figure svg text { font-size: 12px !important; }
+  th, td { padding-right: 0.6rem; }
+  .on-wide { display: none; }
   table.wide, table.wide tbody { display: block; } table.wide thead { display: none; }
   table.wide tr { display: flex; flex-wrap: wrap; gap: 0 0.9rem; padding: 0.35rem 0;
     border-bottom: 1px solid var(--line); }
@@ -48,6 +49,7 @@ summary { cursor: pointer; padding: 0.5rem 0; } summary h2 { display: inline; ma
   table.wide td:first-child { font-weight: 600; flex-basis: 100%%; }
   table.wide td:first-child::before { content: ""; }
 }
+@media (min-width: 40.01rem) { .on-narrow { display: none; } }
 @media print { details > * { display: block; } }
 th { color: var(--dim); font-weight: 600; }
 ul.todo { padding-left: 1.2rem; } ul.todo li { margin: 0.3rem 0; }

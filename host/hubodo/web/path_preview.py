@@ -23,7 +23,7 @@ from hubodo.log.source import Stream
 from hubodo.web.local_plane import local_east_north
 
 _MAX_CHUNKS = 120
-_MAX_PATH_POINTS = 300
+_PREVIEW_POINTS = 300
 _MIN_EXTENT = 0.1  # m; less is a sensor at rest
 _PREFERRED_TOPICS = (topics.ODOM_MAP, topics.ODOM, topics.GNSS_FIX)
 _PATH_TYPES = (ros2.ODOMETRY, ros2.NAV_SAT_FIX)
@@ -56,7 +56,7 @@ def _read_positions(log: Log, stream: Stream) -> NDArray[np.float64]:
     """Return positions (n, 2) of a stream, spread over the log, m."""
     kind = normalise_type_name(stream.schema)
     decoder = ChannelDecoder(kind)
-    per_chunk = max(2, _MAX_PATH_POINTS // max(1, min(_MAX_CHUNKS, len(log.scan.chunks))))
+    per_chunk = max(2, _PREVIEW_POINTS // max(1, min(_MAX_CHUNKS, len(log.scan.chunks))))
     for messages in log.chunks(at_most=_MAX_CHUNKS):
         indices = np.flatnonzero(messages.headers["channel"] == stream.id)
         spread = np.linspace(0, len(indices) - 1, min(len(indices), per_chunk)).astype(np.intp)

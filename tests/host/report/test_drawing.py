@@ -1,6 +1,7 @@
 """Matplotlib figures as SVG within a page and as files."""
 
 import argparse
+import re
 import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -9,7 +10,14 @@ import pytest
 
 from hubodo.errors import InputError
 from hubodo.pages import drawing
-from hubodo.pages.drawing import figure_to_svg, new_figure, parse_drawing_path, render_drawing, save_figure
+from hubodo.pages.drawing import (
+    add_legend_above,
+    figure_to_svg,
+    new_figure,
+    parse_drawing_path,
+    render_drawing,
+    save_figure,
+)
 from hubodo.sensors.allan.figure import _plain_powers
 
 
@@ -58,6 +66,25 @@ def test_an_svg_is_the_same_in_each_run_and_its_ids_differ_from_those_of_another
     clips = [{it for it in ids(figure_to_svg(_figure(title))) if it.startswith("p")} for title in ("x", "y")]
     clips = [{it for it in names if not it.startswith("patch")} for names in clips]
     assert clips[0] and not clips[0] & clips[1]
+
+
+def test_a_page_has_another_svg_for_phones_with_wrapped_labels_and_fewer_legend_columns() -> None:
+    def draw() -> object:
+        figure = new_figure(9.0, 3.0)
+        axes = figure.subplots()
+        for name in "abcdef":
+            axes.plot([0.0, 1.0], [1.0, 2.0], label=f"a rather long name of curve {name}")
+        axes.set_xlabel("time since power-on in minutes, with the residual of the exponential")
+        add_legend_above(figure)
+        return figure
+
+    wide, narrow = render_drawing(draw).html.split('<div class="on-narrow">')
+    assert wide.startswith('<div class="on-wide"><svg viewBox="0 0 648 216"')
+    assert narrow.startswith('<svg viewBox="0 0 316.8 194.4"')
+    label = "time since power-on in minutes, with the residual"
+    assert label in wide and label not in narrow
+    columns = [set(re.findall(r'x="([\d.]+)"[^>]*>a rather', svg)) for svg in (wide, narrow)]
+    assert [len(places) for places in columns] == [3, 1]
 
 
 def test_without_matplotlib_a_page_names_the_package(

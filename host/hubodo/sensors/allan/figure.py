@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.pages.drawing import new_figure
+from hubodo.pages.drawing import add_legend_above, new_figure
 from hubodo.sensors.allan.covariance import TERMS, design_matrix
 from hubodo.sensors.allan.datasheet import Datasheet
 from hubodo.sensors.allan.ieee952 import rate_unit, term_units
@@ -65,13 +65,7 @@ def allan_figure(
     upper.set_ylabel(f"Allan deviation, {unit.si}")
     right = upper.secondary_yaxis("right", functions=(_scale_by(unit.factor), _scale_by(1.0 / unit.factor)))
     right.set_ylabel(unit.common)
-    plot.legend(
-        handles=upper.get_legend_handles_labels()[0],
-        loc="outside upper left",
-        ncols=4,
-        fontsize=8,
-        frameon=False,
-    )
+    add_legend_above(plot)
     upper.set_title(title)
     lower.axhline(0.0, color=_POINT_COLOUR, lw=0.8)
     lower.set_ylabel("residual, %")

@@ -177,7 +177,7 @@ def _plot_rate(axes: Any, result: FilterComparison) -> None:
         axes.plot(result.t[part], result.truth[part] * _DEG, "k--", lw=0.8, label="reference")
     axes.set_xlabel("t, s")
     axes.set_ylabel("rate, deg/s")
-    add_legend_above(axes)
+    add_legend_above(axes.figure)
 
 
 def _plot_error(axes: Any, result: FilterComparison) -> None:
@@ -198,7 +198,7 @@ def _plot_error(axes: Any, result: FilterComparison) -> None:
     axes.set_yscale("log")
     axes.set_xlabel("t, s")
     axes.set_ylabel("rms error, deg/s")
-    add_legend_above(axes)
+    add_legend_above(axes.figure)
 
 
 def _plot_histogram(axes: Any, result: FilterComparison) -> None:
@@ -214,7 +214,7 @@ def _plot_histogram(axes: Any, result: FilterComparison) -> None:
         axes.stairs(counts, edges, fill=True, alpha=0.6, color="#8a8d91", label="before")
         axes.stairs(counts, edges - bias, fill=True, alpha=0.6, color="#1b6ca8", label="bias subtracted")
     axes.axvline(0.0, color="black", lw=0.8)
-    add_legend_above(axes)
+    add_legend_above(axes.figure)
 
 
 def _plot_autocorrelation(axes: Any, result: FilterComparison) -> None:
@@ -227,7 +227,7 @@ def _plot_autocorrelation(axes: Any, result: FilterComparison) -> None:
         axes.axhline(level, color="black", lw=0.6, ls="--")
     axes.set_xlabel("lag, s")
     axes.set_ylabel("autocorrelation")
-    add_legend_above(axes)
+    add_legend_above(axes.figure)
 
 
 def autocorrelation(values: Array, lags: int) -> Array:

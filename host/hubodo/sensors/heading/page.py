@@ -106,7 +106,7 @@ def save_heading_figure(result: HeadingResult, path: Path, title: str) -> None:
         upper.plot(track.t, (values + result.start) * _DEG, color=colour, lw=0.8, label=name)
     upper.set_ylabel("heading, °")
     upper.set_title(title)
-    add_legend_above(upper)
+    add_legend_above(plot)
     if score is None:
         lower.plot(track.t, track.sigma * _DEG, color=_FILTER_COLOUR)
         lower.set_ylabel("sigma, °")

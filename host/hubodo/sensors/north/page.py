@@ -62,7 +62,7 @@ def north_figure(estimate: NorthEstimate, title: str) -> Any:
     upper.plot(turn * _DEG, model, color=_FIT_COLOUR, label="fit")
     upper.set_xlabel("angle of the axis from table zero, °")
     upper.set_ylabel("Earth rate, °/h")
-    add_legend_above(upper)
+    add_legend_above(plot)
     upper.set_title(title)
     middle.plot(residuals.t / 60, residuals.residual * _DEG_H, ".-", ms=3, lw=0.6, color=_MEAN_COLOUR)
     middle.set_xlabel("t, min")

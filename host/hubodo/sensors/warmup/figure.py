@@ -65,7 +65,7 @@ def _plot_bias(axes: Any, result: WarmupResult) -> None:
         label="forecast over all forms, 1 sigma",
     )
     axes.set_ylabel("bias, °/s")
-    add_legend_above(axes)
+    add_legend_above(axes.figure)
 
 
 def _averaged(t: np.ndarray[Any, Any], values: np.ndarray[Any, Any]) -> tuple[Any, Any]:
