@@ -20,7 +20,7 @@ def check_axis_signs(turns: Turns) -> None:
 
     All 48 signed permutations of the gyros are tried. A record that none of them explains is accepted here.
     """
-    usable = turns.select((turns.angle > MIN_TURN_ANGLE) & ~turns.clipped)
+    usable = turns.select((turns.angle > MIN_TURN_ANGLE) & (turns.defect == ""))
     if len(usable.dt) < MIN_TURN_COUNT:
         return
     identity = np.eye(3)

@@ -30,6 +30,10 @@ Below it the directions in eq. 5 are mostly noise, and the bias of their squares
 cent.
 """
 MAX_G_SENSITIVITY_P_VALUE = 1e-3
+MIN_CORRELATED_COUNT = 8
+"""Standstills from which on the correlation of neighbours is estimated."""
+MAX_CORRELATION = 0.9
+"""Largest correlation of neighbouring standstills that is considered: that of a steady drift."""
 
 
 def calibrate_imu(
@@ -117,7 +121,10 @@ def estimate_static_bias(
     floor = (rate_sigma**2).mean(axis=0) / count
     if count < 3:
         return mean, np.diag(floor), None, None
-    mean_covariance = np.diag(np.maximum(total_squares / (count - 1) / count, floor))
+    scatter = total_squares / (count - 1) / count
+    if count >= MIN_CORRELATED_COUNT:
+        scatter = scatter * _correlation_factor(rate - mean)
+    mean_covariance = np.diag(np.maximum(scatter, floor))
     columns = np.column_stack([np.ones(count), force])
     if count < 8 or np.linalg.cond(columns / np.linalg.norm(columns, axis=0)) > 30:
         return mean, mean_covariance, None, None
@@ -138,6 +145,17 @@ def estimate_static_bias(
         np.asarray(coefficients[1:].T),
         np.asarray(coefficient_sigma),
     )
+
+
+def _correlation_factor(residual: Array) -> Array:
+    """Return the (C,) factors by which correlated residuals (R, C) in order of time widen the variance.
+
+    Of a first-order Gauss-Markov sequence with correlation r between neighbours the mean has the variance
+    (1 + r) / (1 - r) times that of white noise.
+    """
+    correlation = (residual[1:] * residual[:-1]).sum(axis=0) / np.maximum((residual**2).sum(axis=0), 1e-300)
+    correlation = np.clip(correlation, 0.0, MAX_CORRELATION)
+    return np.asarray((1.0 + correlation) / (1.0 - correlation))
 
 
 def _calibrate_gyro(

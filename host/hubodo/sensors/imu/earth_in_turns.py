@@ -79,7 +79,7 @@ def _propagate_attitudes(turns: Turns, matrix: Array, change: Array) -> tuple[Ar
     for k, rotation in enumerate(rotations):
         after = attitudes[-1] @ rotation
         measured = after @ up[k + 1]
-        if turns.clipped[k] or measured @ _UP < math.cos(_MAX_LOST_TURN_ERROR):
+        if turns.defect[k] or measured @ _UP < math.cos(_MAX_LOST_TURN_ERROR):
             attitudes.append(_level(up[k + 1]))
             section.append(section[-1] + 1)
         else:

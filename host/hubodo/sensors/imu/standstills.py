@@ -11,6 +11,7 @@ from scipy.special import chdtri
 from hubodo.arrays import Array
 from hubodo.errors import CalibrationError
 from hubodo.sensors.imu.quantisation import find_quantisation_steps, undithered_sigma
+from hubodo.sensors.imu.range_limits import describe_limit, limit_windows
 
 QUIET_WINDOW_S = 0.5
 """Length of the sliding window in which all channels must be quiet."""
@@ -23,9 +24,14 @@ million exceeds: 2.8 sigma for 5 samples.
 _QUIET_FALSE_ALARM = 1e-7
 NOISE_FLOOR_QUANTILE = 0.05
 """Quantile of the window deviations that shows the noise: at least this part of a record has to be static."""
-STANDSTILL_MARGIN_S = 0.1
-"""Time cut at each end of a standstill, because the hand that releases the node moves it below the threshold.
+STANDSTILL_MARGIN_S = (0.1, 0.4)
+"""Shortest and longest time cut at each end of a standstill.
+
+The hand that takes or releases the node moves it below the threshold: the first 0.3 s of a smooth turn by
+15 degrees in 2.5 s change the mean rate of a standstill of 6 s by 3e-4 rad/s, nine sigma of 24 of them.
 """
+STANDSTILL_MARGIN_SHARE = 1 / 6
+"""Time cut at each end of a standstill as a share of its duration, within `STANDSTILL_MARGIN_S`."""
 TRIM_SIGMA = 5.0
 """Deviation of a window's mean from the median of its standstill that counts as slow motion, in sigma."""
 _MIN_TRIM_BLOCKS = 5
@@ -106,7 +112,7 @@ def find_standstills(
         width,
         np.diff(t) > 5 * step,
     )
-    margin = max(1, round(STANDSTILL_MARGIN_S / step))
+    margin = _margins(ends - starts, step)
     starts, ends = starts + margin, ends - margin
     floor = np.concatenate([gyro_steps, accel_steps]) / np.sqrt(12)
     samples = np.hstack([gyro, accel])
@@ -114,7 +120,7 @@ def find_standstills(
     starts, ends = np.array(spans, np.int64).reshape(-1, 2).T
     long_enough = (ends - starts) * step >= min_duration
     starts, ends = starts[long_enough], ends[long_enough]
-    accepted, rejected = _select_standstills(t, gyro, accel, starts, ends, max_rate)
+    accepted, rejected = _select_standstills(t, gyro, accel, starts, ends, max_rate, accel_steps)
     if not accepted:
         details = f" ({rejected[0]})" if rejected else ""
         raise CalibrationError(
@@ -140,6 +146,12 @@ def _mean_sigma(values: Array, pairs: list[tuple[int, int]], width: int, steps: 
     scatter = np.sqrt(np.mean([values[i:j].var(axis=0) for i, j in pairs], axis=0))
     random = np.array([standard_error(values[i:j], width) for i, j in pairs])
     return np.asarray(np.hypot(random, undithered_sigma(scatter, steps)))
+
+
+def _margins(counts: NDArray[np.int64], step: float) -> NDArray[np.int64]:
+    """Return the samples to cut at each end of segments with `counts` samples of `step` s."""
+    seconds = np.clip(counts * step * STANDSTILL_MARGIN_SHARE, *STANDSTILL_MARGIN_S)
+    return np.asarray(np.maximum(1, np.rint(seconds / step)), np.int64)
 
 
 def _sample_window(t: Array, gyro: Array, accel: Array, min_duration: float) -> tuple[float, int]:
@@ -198,13 +210,14 @@ def _select_standstills(
     starts: NDArray[np.int64],
     ends: NDArray[np.int64],
     max_rate: float,
+    accel_steps: Array,
 ) -> tuple[list[int], list[str]]:
-    """Return the indices of true standstills, and a line for each with creeping gravity or rotation."""
+    """Return the indices of true standstills, and a line for each clipped, creeping or turning one."""
     rejected, accepted = [], []
     for k, (i, j) in enumerate(zip(starts, ends, strict=True)):
-        creep = _creep_reason(accel[i:j])
-        if creep:
-            rejected.append(f"standstill at {t[i]:.1f}..{t[j - 1]:.1f} s rejected: {creep}")
+        fault = describe_limit(accel, accel[i:j], accel_steps, "accelerometer") or _creep_reason(accel[i:j])
+        if fault:
+            rejected.append(f"standstill at {t[i]:.1f}..{t[j - 1]:.1f} s rejected: {fault}")
         else:
             accepted.append(k)
     if not accepted:
@@ -233,7 +246,7 @@ def find_steady_turns(
     starts, ends = _find_segments(
         _find_quiet_windows(gyro, width, quantisation), width, np.diff(t) > 5 * step
     )
-    margin = max(1, round(STANDSTILL_MARGIN_S / step))
+    margin = max(1, round(STANDSTILL_MARGIN_S[0] / step))
     spans = [(i + margin, j - margin) for i, j in zip(starts, ends, strict=True)]
     spans = [(i, j) for i, j in spans if (j - i) * step >= min_duration]
     spans = [
@@ -271,9 +284,16 @@ def _find_quiet_windows(values: Array, width: int, steps: Array) -> NDArray[np.b
     dof = width - 1
     low = np.sqrt(chdtri(dof, 1.0 - NOISE_FLOOR_QUANTILE) / width)
     high = max(QUIET_THRESHOLD_SIGMA, float(np.sqrt(chdtri(dof, _QUIET_FALSE_ALARM) / width)))
-    floor = np.maximum(np.quantile(deviation, NOISE_FLOOR_QUANTILE, axis=0) / low, steps / np.sqrt(12))
+    at_limit = limit_windows(values, width, deviation)
+    noise = np.array(
+        [
+            np.quantile(channel[~limited], NOISE_FLOOR_QUANTILE)
+            for channel, limited in zip(deviation.T, at_limit.T, strict=True)
+        ]
+    )
+    floor = np.maximum(noise / low, steps / np.sqrt(12))
     rounding = np.finfo(float).eps * np.abs(values).max(axis=0)
-    return np.asarray((deviation <= high * floor + rounding).all(axis=1))
+    return np.asarray(((deviation <= high * floor + rounding) & ~at_limit).all(axis=1))
 
 
 def _window_deviations(values: Array, width: int) -> Array:

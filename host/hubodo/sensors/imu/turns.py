@@ -33,6 +33,12 @@ MIN_TURN_ANGLE = 0.17
 OUTLIER_SIGMA = 6.0
 """Robust sigmas beyond which the error of a turn is due to saturation, a shock or a gap."""
 _TURN_PADDING_S = 0.1
+_MAX_INTERVAL = 0.1
+"""Longest time between samples of a turn, s, unless all intervals are that long: in 0.3 s at 1 rad/s the mean
+of two rates is wrong by up to a degree.
+"""
+_NOISE_DOF = 4.0
+"""Degrees of freedom by which the noise of the standstills counts in the noise level of the turns."""
 _RELINEARISE_CHANGE = 1e-6
 """Parameter change up to which the derivatives are not recomputed."""
 _MATRIX_ELEMENTS = ("scale x", "xz", "xy", "yz", "scale y", "yx", "zy", "zx", "scale z")
@@ -102,10 +108,12 @@ class Turns:
         dt: (T, L) duration of each step, s.
         start, end: (T, 3) unit vectors of gravity in node axes before and after the turn.
         number: (T,) number of the turn in the record.
-        clipped: (T,) True if a channel was saturated.
+        defect: (T,) why the gyros did not measure the turn (saturated, samples missing), or "".
         earth_slopes: (T, 3, E) derivatives of the misclosures by horizontal Earth rates, or None; see
             `earth_in_turns`.
         earth_sigma: prior sigma of these rates, rad/s.
+        noise: sigma of a component of the misclosure by the noise of the standstills, rad; few turns
+            may fit by chance.
     """
 
     rate: Array
@@ -114,9 +122,10 @@ class Turns:
     start: Array
     end: Array
     number: NDArray[np.int64]
-    clipped: NDArray[np.bool_]
+    defect: NDArray[np.str_]
     earth_slopes: Array | None = None
     earth_sigma: float = 0.0
+    noise: float = 0.0
 
     def select(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> Turns:
         """Return the selected turns, by index or mask."""
@@ -127,9 +136,10 @@ class Turns:
             self.start[which],
             self.end[which],
             self.number[which],
-            self.clipped[which],
+            self.defect[which],
             None if self.earth_slopes is None else self.earth_slopes[which],
             self.earth_sigma,
+            self.noise,
         )
 
     @property
@@ -157,14 +167,30 @@ def collect_turns(t: Array, gyro: Array, bias: Array, standstills: Standstills, 
     length = max((j - i - 1 for i, j in spans), default=1)
     rate, change = np.zeros((2, len(spans), length, 3))
     dt = np.zeros((len(spans), length))
-    clipped = np.zeros(len(spans), bool)
+    defect = np.zeros(len(spans), "U40")
+    max_interval = max(_MAX_INTERVAL, 1.5 * step)
     for k, (i, j) in enumerate(spans):
         w = gyro[i:j] - (bias if bias.ndim == 1 else bias[i:j])
         rate[k, : j - i - 1] = (w[1:] + w[:-1]) / 2
         change[k, : j - i - 1] = np.diff(w, axis=0)
         dt[k, : j - i - 1] = np.diff(t[i:j])
-        clipped[k] = bool(((np.abs(gyro[i:j]) >= extreme * 0.9999).sum(axis=0) >= 4).any())
-    return Turns(rate, change, dt, unit[:-1], unit[1:], np.arange(len(spans)), clipped)
+        interval = float(dt[k].max())
+        if interval > max_interval:
+            defect[k] = f"samples are missing for {interval:.2g} s"
+        elif ((np.abs(gyro[i:j]) >= extreme * 0.9999).sum(axis=0) >= 4).any():
+            defect[k] = "the gyro was clipped"
+    noise = _misclosure_noise(standstills, gravity, float(dt.sum(axis=1).mean()) if spans else 0.0)
+    return Turns(rate, change, dt, unit[:-1], unit[1:], np.arange(len(spans)), defect, noise=noise)
+
+
+def _misclosure_noise(standstills: Standstills, gravity: Array, duration: float) -> float:
+    """Return the sigma of a component of the misclosure of turns of `duration` s, rad.
+
+    It has the error of two directions of gravity, and the random walk of the integrated rates.
+    """
+    direction = 2.0 * np.mean(standstills.accel_sigma**2) / np.mean((gravity**2).sum(axis=1))
+    walk = np.mean(standstills.gyro_sigma**2 * standstills.duration[:, None])
+    return float(np.sqrt(direction + walk * duration))
 
 
 def turn_rotations(turns: Turns, matrix: Array, bias_change: Array | float = 0.0) -> Array:
@@ -241,13 +267,15 @@ def calibrate_from_turns(turns: Turns, bias_sigma: Array) -> TurnCalibration:
     the gyros is wrong.
     """
     is_large = turns.angle > MIN_TURN_ANGLE
-    dropped = [f"turn {k + 1}: the gyro was clipped" for k in turns.number[turns.clipped & is_large]]
-    usable = turns.select(is_large & ~turns.clipped)
+    measured = turns.defect == ""
+    lost = turns.select(is_large & ~measured)
+    dropped = [f"turn {k + 1}: {defect}" for k, defect in zip(lost.number, lost.defect, strict=True)]
+    usable = turns.select(is_large & measured)
     if len(usable.dt) < MIN_TURN_COUNT:
         raise CalibrationError(
             f"only {len(usable.dt)} usable turns of more than 10 degrees between standstills, "
-            f"{MIN_TURN_COUNT} are needed ({len(dropped)} clipped); turn the node about each of its axes, "
-            "in both directions, with standstills in between"
+            f"{MIN_TURN_COUNT} are needed ({len(dropped)} clipped or with gaps); turn the node about each of "
+            "its axes, in both directions, with standstills in between"
         )
     _check_unit(usable)
     p, covariance, response = _fit_turns(usable, bias_sigma)
@@ -321,12 +349,14 @@ def _fit_turns(turns: Turns, bias_sigma: Array) -> tuple[Array, Array, Array]:
         # A misclosure has two components, because gravity is a unit vector.
         parameters_used = -float(np.trace(response @ jacobian)) * scatter
         dof = max(1.0, 2 * len(misclosure) - parameters_used)
-        new_scatter = max(float(np.sqrt((misclosure**2).sum() / dof)), 1e-7)
+        squares = float((misclosure**2).sum())
+        expected = (squares + _NOISE_DOF * turns.noise**2) / (dof + _NOISE_DOF)
+        new_scatter = max(float(np.sqrt(max(expected, squares / dof))), 1e-7)
         converged = np.abs(step[:9]).max() < 1e-8 and abs(new_scatter / scatter - 1) < 1e-3
         scatter = new_scatter
         if converged:
             # The noise level is estimated from few turns, hence the variance of Student's t distribution.
-            covariance = np.asarray(np.linalg.inv(information) * (dof / max(dof - 2.0, 0.5)))
+            covariance = np.asarray(np.linalg.inv(information) * (1.0 + 2.0 / (dof + _NOISE_DOF - 2.0)))
             return p, covariance, np.asarray(response)
     raise CalibrationError(
         "the gyro calibration by turns does not converge; check that the gyro is in rad/s and that its axes "

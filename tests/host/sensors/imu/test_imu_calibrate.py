@@ -55,7 +55,7 @@ def test_what_a_triad_changes_of_where_gravity_is_carried_is_as_differences_have
     rate = np.cumsum(change, axis=1)
     start = rng.standard_normal((4, 3))
     start /= np.linalg.norm(start, axis=1)[:, None]
-    turns = Turns(rate, change, np.full((4, steps), 0.01), start, start, np.arange(4), np.zeros(4, bool))
+    turns = Turns(rate, change, np.full((4, steps), 0.01), start, start, np.arange(4), np.zeros(4, "U1"))
     at = np.concatenate([(np.eye(3) + 0.03 * rng.standard_normal((3, 3))).ravel(), rng.normal(0, 0.01, 3)])
     end, slopes = propagate_gravity_jacobian(turns, at[:9].reshape(3, 3), at[9:])
     np.testing.assert_array_equal(end, propagate_gravity(turns, at[:9].reshape(3, 3), at[9:]))
@@ -67,17 +67,25 @@ def test_what_a_triad_changes_of_where_gravity_is_carried_is_as_differences_have
         assert off < 1e-4 * np.abs(slopes).max(), place
 
 
-@pytest.mark.parametrize("seed", first_and_more(1, 2, 3))
-def test_both_triads_are_recovered_from_standstills_and_turns_within_sigma(seed):
-    data = carry(np.random.default_rng(seed), GYRO, ACCEL)
-    result = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY)
-    assert len(result.standstills) == 24
-    # The largest of 24 standard normal numbers exceeds 4.2 once in 1,500 runs.
-    assert np.abs(z_scores(result.accel.triad, result.accel.sigma, ACCEL)).max() < 4.2
-    assert np.abs(z_scores(result.gyro.triad, np.sqrt(np.diag(result.gyro.covariance)), GYRO)).max() < 4.2
-    assert result.accel_held_out.rms < 0.005 < 0.2 < result.accel_held_out.rms_before
-    assert np.degrees(result.gyro.held_out.error.max()) < 0.5
-    assert "turns between standstills" in result.gyro.method
+@pytest.mark.parametrize("first", first_and_more(1, 7, 13))
+def test_both_triads_are_recovered_from_standstills_and_turns_within_sigma(first):
+    z = []
+    for seed in range(first, first + 6):
+        data = carry(np.random.default_rng(seed), GYRO, ACCEL)
+        result = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY)
+        assert len(result.standstills) == 24
+        z.append(
+            np.append(
+                z_scores(result.accel.triad, result.accel.sigma, ACCEL),
+                z_scores(result.gyro.triad, np.sqrt(np.diag(result.gyro.covariance)), GYRO),
+            )
+        )
+        assert result.accel_held_out.rms < 0.005 < 0.2 < result.accel_held_out.rms_before
+        assert np.degrees(result.gyro.held_out.error.max()) < 0.5
+        assert "turns between standstills" in result.gyro.method
+    squares = np.square(z)
+    # Of 24 sums of six squares of Student's t with 32 degrees of freedom one exceeds 37.4 once in 1,000 runs.
+    assert squares.sum(axis=0).max() < 37.4 and 0.7 < np.sqrt(squares.mean()) < 1.2
 
 
 def test_g_sensitivity_is_separated_from_bias_and_omitted_if_absent():
@@ -179,7 +187,7 @@ def test_drifting_and_rotating_standstills_are_left_out_with_a_warning():
     again = find_standstills(data.t, gyro, accel)
     assert len(again) == 12
     assert any("gravity crept" in text for text in again.rejected)
-    assert any("turned at 0.05" in text for text in again.rejected)
+    assert any("turned at 0.049" in text for text in again.rejected)
 
 
 def test_gyros_in_degrees_per_second_are_detected_by_the_rotations():

