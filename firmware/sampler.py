@@ -90,6 +90,7 @@ class Sampler:
         self.batch = batch
         self.slot.shape(batch)
         chip.shape(batch)
+        chip.clock = clock
         self.last_us = self.due_us = now
         self.reader = _reader(self, chip)
         self.reader.start(now, resume)

@@ -68,7 +68,7 @@ BOUNDS = (
     (CONFIG_KEY_NODE_ID, "node_id", 1, 254),
     (CONFIG_KEY_RATE_HZ, "rate_hz", 1, 1660),
     (CONFIG_KEY_GYRO_RANGE_DPS, "gyro_range_dps", 125, 4000),
-    (CONFIG_KEY_ACCEL_RANGE_G, "accel_range_g", 2, 16),
+    (CONFIG_KEY_ACCEL_RANGE_G, "accel_range_g", 2, 24),
     (CONFIG_KEY_BATCH, "batch", 0, 19),
     (CONFIG_KEY_FILTER_KIND, "filter_kind", 0, FILTER_KIND_RLS),
     (CONFIG_KEY_GAIN_RATE_Q20, "gain_rate_q20", 0, 1048575),

@@ -45,6 +45,12 @@ def fifo_rows(chip, batch):
     return np.frombuffer(bytes(rows), "<i2").reshape(-1, 6), bool(torn)
 
 
+def jerk_steps(chip):
+    """Return the change of acceleration of `unique_motion` in 1.1 periods, in steps of the chip."""
+    jerk = 5 * 4.7 / STANDARD_GRAVITY
+    return 1 + jerk * 1.1e3 / chip.rate_mhz / (chip.accel_lsb_ng * 1e-9)
+
+
 @each_chip
 def test_the_search_finds_the_chip_by_the_identity_of_its_driver(silicon, driver):
     listed = []
@@ -92,8 +98,11 @@ def test_every_rate_is_that_of_the_chip_and_its_fifo_holds_consecutive_samples(s
         rows, torn = fifo_rows(chip, batch)
         again, torn_again = fifo_rows(chip, batch)
         truth = part.truth().raw
-        first = next(k for k in range(len(truth)) if np.array_equal(truth[k], rows[0]))
-        assert np.array_equal(np.concatenate([rows, again]), truth[first : first + 10]), hz
+        first = next(k for k in range(len(truth)) if np.array_equal(truth[k, :3], rows[0, :3]))
+        difference = np.concatenate([rows, again]) - truth[first : first + 10]
+        # A BMI088 has accelerations that are not sampled at the times of the gyro.
+        accel_tolerance = silicon.chip_name == "bmi088" and jerk_steps(chip)
+        assert not difference[:, :3].any() and np.abs(difference[:, 3:]).max() <= accel_tolerance, hz
         assert not torn and not torn_again and chip.intact()
         # Another driver object on a running chip knows that it was running.
         assert kind(chip.i2c).was_running

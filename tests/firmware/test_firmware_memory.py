@@ -210,3 +210,48 @@ def test_samples_pass_from_chip_to_link_without_an_allocation(tmp_path, case):
     assert min(kinds[name] for name in ("Hello", "Health", "Filter", "Mag")) > least
     *_, last = (m for _, m in sent if isinstance(m, messages.Filter))
     assert last.state == messages.FilterState.TRACKING and last.samples == (8192 if spin else 2000)
+
+
+BMI088_BUS = """
+import gc, json, micropython, sys
+sys.path.insert(0, "/")
+from array import array
+from drivers.bmi088 import BMI088
+
+class Bus:
+    def __init__(self):
+        self.registers = {0x1800: 0x1E, 0x6800: 0x0F, 0x680E: 17, 0x1824: 35 * 7}
+    def writeto_mem(self, address, register, buffer):
+        pass
+    def readfrom_mem_into(self, address, register, buffer):
+        if address << 8 | register == 0x1826:
+            for at in range(0, len(buffer), 7):
+                buffer[at] = 0x84
+        else:
+            buffer[0] = self.registers.get(address << 8 | register, 0)
+
+chip = BMI088(Bus(), odr_hz=400)
+chip.shape(16)
+rows, words = bytearray(192), array("h", bytes(12))
+"""
+BMI088_LOCKED = """
+def locked():
+    before, torn = gc.mem_alloc(), 0
+    micropython.heap_lock()
+    try:
+        for _ in range(100):
+            level = chip.fifo_level()
+            torn += chip.fifo_read_into(rows)
+            chip.read_temperature()
+            chip.fifo_flush()
+    finally:
+        micropython.heap_unlock()
+    return level, torn, gc.mem_alloc() - before
+with open("/result", "w") as file:
+    json.dump(locked(), file)
+"""
+
+
+def test_the_two_chips_of_a_bmi088_are_read_without_an_allocation(tmp_path):
+    result, stream = real_micropython.run(tmp_path, BMI088_BUS, BMI088_LOCKED)
+    assert result == [17, 0, 0], stream[-3000:]

@@ -7,6 +7,7 @@ import pytest
 from drivers.mpu6050 import MPU6050
 from emulated_bus import EmulatedBus
 
+from hubodo.emulator.chips.bmi088 import Bmi088
 from hubodo.emulator.chips.bmi270 import Bmi270
 from hubodo.emulator.chips.icm20948 import Icm20948
 from hubodo.emulator.chips.icm42688 import Icm42688
@@ -92,7 +93,7 @@ def test_an_unknown_chip_is_listed_once():
     assert probe_chips(bmi160(), drivers=rows) == (None, [(0x68, 0x00, 0)])
 
 
-@pytest.mark.parametrize("kind", [Icm20948, Icm42688, Bmi270])
+@pytest.mark.parametrize("kind", [Icm20948, Icm42688, Bmi270, Bmi088])
 def test_an_mpu6050_does_not_claim_the_chip_of_another_driver(kind):
     """Even where the register that is PWR_MGMT_1 of an MPU has its value."""
     chip = kind(StillMotion())

@@ -2,6 +2,7 @@
 
 import random
 import time
+from functools import partial
 
 import fifo_samples
 import native
@@ -10,6 +11,7 @@ import outbox as outbox_module
 import polled_samples
 import pytest
 import sampler
+from drivers.bmi088 import BMI088
 from drivers.lsm6ds33 import LSM6DS33
 from drivers.lsm6dso import LSM6DSO
 from drivers.mpu6050 import MPU6050
@@ -19,6 +21,7 @@ from outbox import Outbox
 import hubowire
 from fakes import fake_port
 from fakes.fake_port import PORT_TICKS
+from hubodo.emulator.chips.bmi088 import Bmi088
 from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.chips.lsm6ds33 import Lsm6ds33
 from hubodo.emulator.chips.lsm6dso import Lsm6dso
@@ -28,6 +31,7 @@ from repetitions import first_and_more
 from virtual_runs import match_samples, unique_motion
 
 CHIPS = {"lsm6ds33": (Lsm6ds33, LSM6DS33), "lsm6dso": (Lsm6dso, LSM6DSO), "mpu6050": (Mpu6050, MPU6050)}
+CHIPS["bmi088"] = Bmi088, partial(BMI088, range_g=3)
 
 
 class SamplerRun:
@@ -228,3 +232,34 @@ def test_a_partly_sent_frame_is_not_dropped():
     assert bytes(box.oldest().raw[1 : box.oldest().end]) == first
     box.advance(len(first) - 3)
     assert [seq for seq, _ in send_all(box)] == [7, 8, 9]
+
+
+@pytest.mark.parametrize(
+    "rate, fifo", first_and_more((400, True), (100, True), (100, False), (200, True), (1000, True))
+)
+@pytest.mark.parametrize("odr_error", [0.02, -0.03])
+def test_a_bmi088_pairs_each_sample_of_its_gyro_with_the_acceleration_of_that_time(
+    monkeypatch, rate, fifo, odr_error
+):
+    """The clocks of its two chips drift apart by twice `odr_error`."""
+    sampler_run = SamplerRun(monkeypatch, "bmi088", rate, 6, fifo=fifo, odr_error=odr_error)
+    sampler_run.run()
+    truth, accel_truth = sampler_run.chip.truth(), sampler_run.chip.accelerometer.clock.truth()
+    rows = np.array([row for _, batch in sampler_run.sent for row in batch.samples])
+    first = next(k for k in range(len(truth.raw)) if np.array_equal(truth.raw[k, :3], rows[0, :3]))
+    assert len(rows) > 5.5 * rate
+    assert np.array_equal(rows[:, :3], truth.raw[first : first + len(rows), :3])
+    times = {}
+    for t, words in zip(accel_truth.t, accel_truth.raw.tolist(), strict=True):
+        times.setdefault(tuple(words), []).append(t)
+    settled = range(rate, len(rows))
+    late = [
+        min((t - truth.t[first + k] for t in times[tuple(rows[k, 3:].tolist())]), key=abs) for k in settled
+    ]
+    period = 1 / {100: 200, 200: 400, 400: 800, 1000: 1600}[rate]
+    print(
+        f"accelerometer late by {np.mean(late):.6f} s, sd {np.std(late):.6f} s, {min(late):.6f} to "
+        f"{max(late):.6f} s; its period is {period} s"
+    )
+    assert max(np.abs(late)) < 1.1 * period
+    assert not fifo or abs(np.mean(late)) < 0.25 * period

@@ -62,7 +62,7 @@ def test_a_new_chip_is_one_file_and_one_line(tmp_path: Path):
     (copy.package / "emulator" / "chips" / "made_up.py").write_text(CHIP)
     copy.replace(
         "emulator/chips/catalogue.py",
-        ("    Bmi270,\n)", "    Bmi270,\n    MadeUp,\n)"),
+        ("    Bmi088,\n)", "    Bmi088,\n    MadeUp,\n)"),
         ("\n\nclass ImuKind", "from hubodo.emulator.chips.made_up import MadeUp\n\n\nclass ImuKind"),
     )
     firmware = tmp_path / "firmware"

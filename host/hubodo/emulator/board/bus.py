@@ -47,7 +47,7 @@ class I2cBus:
         refusal: int = EIO,
         interrupts: Mapping[int, Callable[[float], int]] = MappingProxyType({}),
     ) -> None:
-        self.chips = {chip.address: chip for chip in chips}
+        self.chips = {chip.address: chip for part in chips for chip in (part, *part.companions)}
         self.wiring, self.nack_errno, self.interrupts = wiring, refusal, interrupts
         self.sda_wire, self.scl_wire = (scl, sda) if wiring == "swapped" else (sda, scl)
         self.bit_time = 1.0 / DEFAULT_HZ

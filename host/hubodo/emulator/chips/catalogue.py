@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from hubodo.emulator.chips.bmi088 import Bmi088
 from hubodo.emulator.chips.bmi270 import Bmi270
 from hubodo.emulator.chips.icm20948 import Icm20948
 from hubodo.emulator.chips.icm42688 import Icm42688
@@ -35,6 +36,7 @@ IMU_CHIPS: tuple[ImuKind, ...] = (
     Icm20948,
     Icm42688,
     Bmi270,
+    Bmi088,
 )
 
 

@@ -50,6 +50,8 @@ class RegisterChip:
     """
 
     N_VALUES = 256
+    companions: tuple[RegisterChip, ...] = ()
+    """Further chips in the same package, with addresses of their own."""
 
     def __init__(
         self,

@@ -20,6 +20,7 @@ IMU_BY_WHO_AM_I = {
     0x47: ImuChip("ICM42688", 2.8, 70.0),
     0xEA: ImuChip("ICM20948", 15.0, 230.0),
     0x24: ImuChip("BMI270", 7.0, 160.0),
+    0x0F: ImuChip("BMI088", 14.0, 175.0),
 }
 """Chips by WHO_AM_I, without a code of their own in `Part`, which is part of the wire format."""
 
