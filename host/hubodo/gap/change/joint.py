@@ -143,7 +143,7 @@ class JointGrams:
     @cached_property
     def samples(self) -> Array:
         """Return how many readings take part in each block, (B,)."""
-        return np.concatenate([log.evaluation.samples_per_block() for log in self.logs])
+        return np.concatenate([log.evaluation.samples_per_block().sum(axis=1) for log in self.logs])
 
     @cached_property
     def raw_squares(self) -> Array:

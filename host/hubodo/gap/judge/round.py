@@ -194,15 +194,8 @@ def _prefer_simple(ordered: tuple[Hypothesis, ...], tempering: float) -> tuple[H
     }
     best_gain = max(gains.values(), default=0.0)
     chosen = next((k for k, gain in gains.items() if gain > best_gain - penalty), 0)
-    scopes = [
-        k
-        for k in gains
-        if ordered[k].term.effect.name == ordered[chosen].term.effect.name
-        and ordered[k].n_determined == ordered[chosen].n_determined
-    ]
-    largest = max((ordered[k].held_out_total for k in scopes), default=0.0)
     chosen = max(
-        [k for k in scopes if largest - ordered[k].held_out_total <= ordered[k].doubtful_gain],
+        _list_equal_scopes(ordered, chosen),
         key=lambda k: (-ordered[k].term.effect.neg_log_prior(), ordered[k].held_out_total),
         default=chosen,
     )
@@ -216,19 +209,10 @@ def _prefer_simple(ordered: tuple[Hypothesis, ...], tempering: float) -> tuple[H
 def share_between_scopes(ordered: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
     """Divide the probability of the first hypothesis among scopes with equal gain on held-out samples.
 
-    Gains are equal if a varying noise level could produce their difference. A speed measured by two wheels,
-    for example, shows only the difference of their clocks, and either may be wrong. The scopes share in
-    proportion to their priors.
+    A speed measured by two wheels, for example, shows only the difference of their clocks, and either may be
+    wrong. The scopes share in proportion to their priors.
     """
-    first = ordered[0]
-    scopes = [
-        k
-        for k, one in enumerate(ordered)
-        if one.term.effect.name == first.term.effect.name
-        and one.state is not None
-        and not one.objection
-        and first.held_out_total - one.held_out_total <= first.doubtful_gain
-    ]
+    scopes = _list_equal_scopes(ordered, 0)
     if len(scopes) < 2:
         return tuple(ordered)
     priors = {k: math.exp(-ordered[k].term.effect.neg_log_prior()) for k in scopes}
@@ -236,6 +220,24 @@ def share_between_scopes(ordered: Sequence[Hypothesis]) -> tuple[Hypothesis, ...
     return tuple(
         replace(one, probability=total * priors[k]) if k in priors else one for k, one in enumerate(ordered)
     )
+
+
+def _list_equal_scopes(hypotheses: Sequence[Hypothesis], index: int) -> list[int]:
+    """Return the scopes of the effect of one hypothesis that gain most on held-out samples.
+
+    Gains of as many coordinates are equal if a varying noise level could produce their difference.
+    """
+    one = hypotheses[index]
+    scopes = [
+        k
+        for k, other in enumerate(hypotheses)
+        if other.term.effect.name == one.term.effect.name
+        and other.n_determined == one.n_determined
+        and other.state is not None
+        and not other.objection
+    ]
+    best = max((hypotheses[k] for k in scopes), key=lambda other: other.held_out_total, default=one)
+    return [k for k in scopes if best.held_out_total - hypotheses[k].held_out_total <= best.doubtful_gain]
 
 
 def _object_to_substitutes(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:

@@ -25,7 +25,7 @@ class Linearisation:
 
     directions: the requested directions; in the matrices nuisances follow them, which are always free
     block_grams: (D+1, D+1) for each block of time; the last row belongs to the residual
-    raw_squares: (D+1,) as in `Innovations`
+    raw_squares, channel_squares: as in `Innovations`
     log_determinant: ln det of the innovation covariance
     """
 
@@ -33,6 +33,7 @@ class Linearisation:
     n_nuisances: int
     block_grams: SymmetricStack
     raw_squares: Array
+    channel_squares: Array
     log_determinant: float
 
     @property
@@ -57,6 +58,7 @@ class Linearisation:
             self.n_nuisances,
             self.block_grams.select(selected),
             self.raw_squares[selected],
+            self.channel_squares[selected[:-1]],
             self.log_determinant,
         )
 
@@ -67,7 +69,12 @@ def linearise(evaluation: Evaluation, directions: Sequence[Direction]) -> Linear
     columns = _DirectionColumns(evaluation.state, directions)
     innovations = evaluation.compute_innovations(columns, len(directions) + nuisances)
     return Linearisation(
-        tuple(directions), nuisances, innovations.grams, innovations.raw_squares, innovations.log_determinant
+        tuple(directions),
+        nuisances,
+        innovations.grams,
+        innovations.raw_squares,
+        innovations.channel_squares,
+        innovations.log_determinant,
     )
 
 

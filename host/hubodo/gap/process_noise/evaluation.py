@@ -112,15 +112,27 @@ class Evaluation:
         )
 
     def samples_per_block(self) -> Array:
-        """Return how many readings take part in each block of windows, (B,)."""
-        grid = window_grid(self.problem)
-        edges = np.append(grid[::BLOCK_WINDOWS], np.inf)
-        counts = np.zeros(len(edges) - 1)
+        """Return how many readings of each channel take part in each block of windows, (B, C)."""
+        return self._sum_blocks({n.name: self._weight(n, slice(None)) > 0.0 for n in self.problem.nodes})
+
+    def squares_per_block(self) -> Array:
+        """Return the squares of the residuals, in sigma, in each block of windows and channel, (B, C)."""
+        residuals = self.mean_residuals
+        return self._sum_blocks(
+            {
+                node.name: winsorise(residuals[node.name].value * self._weight(node, slice(None))) ** 2
+                for node in self.problem.nodes
+            }
+        )
+
+    def _sum_blocks(self, values: Mapping[str, Array | NDArray[np.bool_]]) -> Array:
+        """Return the sums of values of each node, (6, N), over blocks of windows, (B, C)."""
+        edges = np.append(window_grid(self.problem)[::BLOCK_WINDOWS], np.inf)
+        sums = []
         for node in self.problem.nodes:
-            is_used = (self._weight(node, slice(None)) > 0.0).sum(axis=0)
-            block = np.searchsorted(edges, node.t, side="right") - 1
-            counts += np.bincount(np.maximum(block, 0), is_used, len(counts))
-        return counts
+            block = np.maximum(np.searchsorted(edges, node.t, side="right") - 1, 0)
+            sums += [np.bincount(block, channel, len(edges) - 1) for channel in values[node.name]]
+        return np.array(sums, float).T
 
     def _node_segments(
         self, noises: Sequence[ProcessNoise], columns: NodeColumns | None

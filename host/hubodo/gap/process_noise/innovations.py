@@ -33,12 +33,14 @@ class Innovations:
         log-likelihood
     raw_squares: (P+1,) squares of the columns before the bounded walks were filtered out, with the squares of
         the free walks' steps
+    channel_squares: (P, C) squares of the columns in each channel, six channels per node
     smoothed: (K, C) smoothed walks relative to their tracked values; empty unless requested
     """
 
     grams: SymmetricStack
     log_determinant: float
     raw_squares: Array
+    channel_squares: Array
     smoothed: Array
 
 
@@ -92,12 +94,13 @@ def filter_innovations(
         )
         grams.store(first // block, grams_of_segment)
         first += windows
-    raw_squares = np.zeros(n_columns + 1)
-    for node in window_sums:
+    raw_squares, channel_squares = np.zeros(n_columns + 1), np.zeros((n_columns, 6 * len(window_sums)))
+    for k, node in enumerate(window_sums):
         raw_squares[node.column_indices] += node.raw_squares
+        channel_squares[node.column_indices[:-1], 6 * k : 6 * k + 6] += node.channel_squares
     decay = np.array([walk.decay(window) for walk in walks])
     mean = _smooth(walk_filter.steps, decay, len(walks))
-    return Innovations(grams, walk_filter.log_determinant, raw_squares, mean)
+    return Innovations(grams, walk_filter.log_determinant, raw_squares, channel_squares, mean)
 
 
 def _segment_grams(

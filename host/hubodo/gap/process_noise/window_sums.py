@@ -96,6 +96,7 @@ class WindowSums:
     free_walks: those of these walks whose start is free
     column_indices: (P+1,) positions of its columns and the residual among all
     raw_squares: (P+1,) as in `Innovations`
+    channel_squares: (P, 6), squares of the columns in each channel
     """
 
     def __init__(
@@ -111,7 +112,7 @@ class WindowSums:
             for k, place in enumerate(segment.noise_indices)
             if walks[place].start_variance >= FREE_WALK_VARIANCE
         ]
-        self.raw_squares = np.zeros(count)
+        self.raw_squares, self.channel_squares = np.zeros(count), np.zeros((count - 1, 6))
         self._growth = np.array([walks[segment.noise_indices[k]].intensity * window for k in self.free_walks])
         # Values of the free walks at the end of the last window.
         self._stripped = np.zeros((len(self.free_walks), count - 1))
@@ -139,6 +140,8 @@ class WindowSums:
             for first in range(0, len(rows), self._block):
                 part = rows[first : first + self._block].reshape(-1, rows.shape[2])[:, :count]
                 column_grams[(chunk.start + first) // self._block] = part.T @ part
+                channels = part[:, :-1].reshape(len(part) // 6, 6, count - 1)
+                self.channel_squares += np.einsum("ncp,ncp->pc", channels, channels)
         if not self._begun:
             # The first value of a walk with a free start has no prior term.
             shift[0] = 0.0

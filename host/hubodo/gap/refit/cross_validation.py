@@ -30,16 +30,24 @@ class FoldDeviances:
 
     @property
     def level_scatter(self) -> float:
-        """Return 1 sigma of the total deviance due to noise whose level differs from fold to fold.
+        """Return 1 sigma of the total deviance due to noise whose level differs from fold to fold."""
+        return compute_level_scatter(self.own, self.samples)
 
-        In white noise of the assumed level a fold of n samples scatters by √(2 n); twice that variance is
-        left to chance. The excess is attributed to road, engine and manoeuvres that no model describes.
-        """
-        count = len(self.samples)
-        level = float(self.own.sum() / max(self.samples.sum(), 1.0))
-        scatter = self.own - level * self.samples
-        variance = float(scatter @ scatter) * count / max(count - 1, 1)
-        return float(np.sqrt(max(variance - 4.0 * level**2 * self.samples.sum(), 0.0)))
+
+def compute_level_scatter(squares: Array, samples: Array) -> float:
+    """Return 1 sigma of the total deviance due to noise whose level differs from fold to fold.
+
+    squares: (F,) deviance of each fold
+    samples: (F,) readings in each fold
+
+    In white noise of the assumed level a fold of n samples scatters by √(2 n); twice that variance is left to
+    chance. The excess is attributed to road, engine and manoeuvres that no model describes.
+    """
+    count = len(samples)
+    level = float(squares.sum() / max(samples.sum(), 1.0))
+    scatter = squares - level * samples
+    variance = float(scatter @ scatter) * count / max(count - 1, 1)
+    return float(np.sqrt(max(variance - 4.0 * level**2 * samples.sum(), 0.0)))
 
 
 @dataclass(frozen=True)
@@ -74,15 +82,19 @@ def cross_validate(
     For a linear model with information A and score b the other folds give the step d = A⁻¹ b, and the
     deviance of the fold is r'r - 2 d'b_f + d'A_f d (Stone 1974).
     """
-    count = int(np.clip(len(blocks) // _BLOCKS_PER_FOLD, min(_MIN_FOLDS, len(blocks)), _MAX_FOLDS))
-    folds = np.array([part.sum(axis=0) for part in np.array_split(blocks, count)])
-    total, deviances = folds.sum(axis=0), np.empty((2, count))
+    folds = sum_folds(blocks)
+    total, deviances = folds.sum(axis=0), np.empty((2, len(folds)))
     fit_to_all = _fit_step(total, raw_squares, prior)
     for k, fold in enumerate(folds):
         for row, step in enumerate((_fit_step(total - fold, raw_squares, prior), fit_to_all)):
             deviances[row, k] = fold[-1, -1] - 2.0 * step @ fold[:-1, -1] + step @ fold[:-1, :-1] @ step
-    fold_samples = np.array([part.sum() for part in np.array_split(samples, count)])
-    return FoldDeviances(deviances[0], deviances[1], fold_samples)
+    return FoldDeviances(deviances[0], deviances[1], sum_folds(samples))
+
+
+def sum_folds(blocks: Array) -> Array:
+    """Return the sums of consecutive blocks of time, (F, ...), over the first axis."""
+    count = int(np.clip(len(blocks) // _BLOCKS_PER_FOLD, min(_MIN_FOLDS, len(blocks)), _MAX_FOLDS))
+    return np.array([part.sum(axis=0) for part in np.array_split(blocks, count)])
 
 
 def _fit_step(gram: Array, raw_squares: Array, prior: CoordinatePrior) -> Array:

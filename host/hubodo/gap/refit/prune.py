@@ -11,11 +11,12 @@ from hubodo.arrays import Array
 from hubodo.effects.empirical import PREFIX
 from hubodo.effects.plausibility import implausible_parameters
 from hubodo.gap.process_noise.residual import compute_gap
+from hubodo.gap.refit.cross_validation import compute_level_scatter, sum_folds
 from hubodo.gap.refit.refit import Refit, refit
 from hubodo.gap.state.terms import ModelTerm, terms_of_model
 
 # Total loss in ln likelihood that pruning may cost, in sigma due to a noise level that varies along the
-# drive.
+# drive, in the channels that the pruned coordinate changes.
 _MAX_LOSS_LEVEL_SIGMAS = 0.3
 # Largest ratio of the gap after pruning to that before it.
 _MAX_GAP_RATIO = 1.01
@@ -29,10 +30,10 @@ def prune_coordinates(fit: Refit) -> Refit:
     noise nothing is pruned. Coordinates at their plausible limit are removed first, then those that cost
     least (backward elimination).
     """
-    budget = _max_loss(fit, fit.tempering)
-    if budget <= 0.0:
-        return fit
     candidates, at_limit = _list_candidates(fit, fit.free_terms)
+    if not candidates or fit.tempering <= 1.0:
+        return fit
+    budget = _max_losses(fit, fit.tempering)
     pruned, _loss = _eliminate(candidates, at_limit, fit.covariance, _relative_coordinates(fit), budget)
     max_gap = _MAX_GAP_RATIO * compute_gap(fit.without_cache().evaluation.residuals)
     for selected in (pruned, [k for k in pruned if k in at_limit]):
@@ -50,33 +51,41 @@ def count_determined(fit: Refit, term: ModelTerm, tempering: float) -> tuple[int
     tempering: factor by which correlated residuals exaggerate likelihoods
     """
     candidates, at_limit = _list_candidates(fit, [term])
-    budget = _max_loss(fit, tempering)
+    if not candidates:
+        return len(term.effect.coordinates()), 0.0
+    budget = _max_losses(fit, tempering)
     pruned, loss = _eliminate(candidates, at_limit, fit.covariance, _relative_coordinates(fit), budget)
     return len(term.effect.coordinates()) - len(pruned), loss
 
 
-def _max_loss(fit: Refit, tempering: float) -> float:
-    """Return the largest loss in ln likelihood that pruning may cost."""
-    return 0.5 * _MAX_LOSS_LEVEL_SIGMAS * fit.fold_deviances.level_scatter * (1.0 - 1.0 / tempering)
+def _max_losses(fit: Refit, tempering: float) -> Array:
+    """Return the largest loss in ln likelihood that pruning may cost up to each coordinate, (K,)."""
+    assert fit.channel_shares is not None
+    evaluation = fit.without_cache().evaluation
+    squares, samples = sum_folds(evaluation.squares_per_block()), sum_folds(evaluation.samples_per_block())
+    scatter = [compute_level_scatter(squares @ share, samples @ share) for share in fit.channel_shares]
+    return 0.5 * _MAX_LOSS_LEVEL_SIGMAS * (1.0 - 1.0 / tempering) * np.array(scatter)
 
 
 def _eliminate(
-    candidates: Sequence[int], at_limit: Collection[int], covariance: Array, value: Array, budget: float
+    candidates: Sequence[int], at_limit: Collection[int], covariance: Array, value: Array, budget: Array
 ) -> tuple[list[int], float]:
     """Return the coordinates that cost least, up to a budget, and their total loss (backward elimination).
 
-    candidates: indices of the coordinates that may be pruned; those in `at_limit` are first, at no cost
-    covariance: (K, K), and value: (K,), of all coordinates
+    candidates: indices of the coordinates that may be pruned; those in `at_limit` are first, at any cost
+    covariance: (K, K), value: (K,), and budget: (K,), of all coordinates
     """
-    remaining, pruned, total = list(candidates), list[int](), 0.0
+    remaining, pruned, total, spent = list(candidates), list[int](), 0.0, 0.0
     while remaining:
         variance = covariance[remaining, remaining]
         loss = np.where(variance > 0.0, 0.5 * value[remaining] ** 2 / np.maximum(variance, 1e-300), 0.0)
-        loss[[k in at_limit for k in remaining]] = 0.0
-        weakest = int(np.argmin(loss))
-        if total + float(loss[weakest]) >= budget:
+        is_at_limit = np.array([k in at_limit for k in remaining])
+        is_affordable = is_at_limit | (spent + loss < budget[remaining])
+        if not is_affordable.any():
             break
+        weakest = int(np.argmin(np.where(is_affordable, np.where(is_at_limit, -1.0, loss), np.inf)))
         total += float(loss[weakest])
+        spent += 0.0 if is_at_limit[weakest] else float(loss[weakest])
         k = remaining.pop(weakest)
         pruned.append(k)
         if covariance[k, k] > 0.0:

@@ -53,6 +53,8 @@ class Refit:
     gram: gram matrix of coordinates, nuisances and, in the last row, the residual
     fold_deviances: deviances of folds of time, for held-out gains
     prior: Gaussian prior of the coordinates, from their usual sizes
+    channel_shares: (K, C) squares of each coordinate's column in each channel, relative to its largest; None
+        in a fit to two logs
     """
 
     evaluation: Evaluation
@@ -65,6 +67,7 @@ class Refit:
     gram: Array
     fold_deviances: FoldDeviances
     prior: CoordinatePrior
+    channel_shares: Array | None = None
 
     @property
     def state(self) -> State:
@@ -227,6 +230,8 @@ def linearise_fit(
         float(gram[-1, -1] - 2.0 * step @ gram[:-1, -1] + step @ gram[:-1, :-1] @ step)
         + linearised.log_determinant
     )
+    channel_squares = basis.T**2 @ linearised.channel_squares[: len(directions)]
+    largest = np.maximum(channel_squares.max(axis=1, keepdims=True, initial=0.0), 1e-12)
     return Refit(
         evaluation,
         tuple(free_terms),
@@ -236,8 +241,9 @@ def linearise_fit(
         score[:, :k],
         covariance,
         gram,
-        cross_validate(blocks, raw_squares, prior, evaluation.samples_per_block()),
+        cross_validate(blocks, raw_squares, prior, evaluation.samples_per_block().sum(axis=1)),
         prior,
+        channel_squares / largest,
     )
 
 

@@ -23,7 +23,7 @@ def linear_log(coordinates, rng):
     blocks = np.swapaxes(rows, 1, 2) @ rows
     samples = np.full(N_BLOCKS, float(N_SAMPLES))
     return SimpleNamespace(
-        evaluation=SimpleNamespace(samples_per_block=lambda: samples),
+        evaluation=SimpleNamespace(samples_per_block=lambda: samples[:, None]),
         terms=(),
         candidates=(BIAS,),
         n_directions=3,

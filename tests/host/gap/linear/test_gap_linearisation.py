@@ -46,7 +46,7 @@ def test_attitude_angles_of_body_nodes_are_nuisance_columns(monkeypatch):
     def innovations(columns, n_columns):
         request.update(size=n_columns, at={name: list(at) for name, at in columns.indices.items()})
         request["shapes"] = {node.name: columns.columns(node, state, {}).shape for node in nodes}
-        return SimpleNamespace(grams=None, raw_squares=None, log_determinant=0.0)
+        return SimpleNamespace(grams=None, raw_squares=None, channel_squares=None, log_determinant=0.0)
 
     problem = SimpleNamespace(nodes=nodes)
     state = SimpleNamespace(

@@ -129,6 +129,20 @@ def test_the_gram_matrices_sum_to_the_quadratic_form_of_the_dense_gaussian(seed)
     assert (np.diag(result.grams.sum())[:-1] < result.raw_squares[:-1]).all()
 
 
+def test_columns_are_squared_channel_by_channel():
+    segments, offsets = draw_segments(SEEDS[0])
+    _, x, *_ = build_dense_gaussian(segments, offsets)
+    # A walk with a free start would be removed from the columns before.
+    walks = (replace(WALKS[0], start_variance=1.0), *WALKS[1:])
+    result = filter_innovations(
+        split_at_first_block(segments), walks, offsets, N_COLUMNS, WINDOW_S, WINDOWS_PER_BLOCK
+    )
+    # Rows are ordered by node, window and sample, and alternate between six channels.
+    nodes = np.split(x**2, np.cumsum([segment.z.size for segment in segments])[:-1])
+    expected = np.concatenate([node.reshape(-1, 6, N_COLUMNS).sum(axis=0) for node in nodes])
+    np.testing.assert_allclose(result.channel_squares, expected.T, rtol=1e-5)
+
+
 @pytest.mark.parametrize("seed", SEEDS)
 def test_smoothed_walks_are_the_conditional_mean_of_the_dense_gaussian(seed):
     segments, offsets = draw_segments(seed)

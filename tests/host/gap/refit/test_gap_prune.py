@@ -1,0 +1,42 @@
+"""Backward elimination of coordinates against the loss of a Gaussian without them."""
+
+import numpy as np
+import pytest
+
+from hubodo.gap.refit.prune import _eliminate
+
+
+def draw_fit(seed):
+    """Return covariance and value of four correlated coordinates."""
+    rng = np.random.default_rng(seed)
+    half = rng.standard_normal((12, 4))
+    return np.linalg.inv(half.T @ half), rng.standard_normal(4)
+
+
+def compute_loss(covariance, value, pruned):
+    """Return the loss in ln likelihood with some coordinates at zero and the others fitted again."""
+    block = covariance[np.ix_(pruned, pruned)]
+    return 0.5 * value[pruned] @ np.linalg.solve(block, value[pruned])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_loss_is_that_of_the_pruned_coordinates_together(seed):
+    covariance, value = draw_fit(seed)
+    pruned, loss = _eliminate(range(4), (), covariance, value, np.full(4, 1e6))
+    assert sorted(pruned) == [0, 1, 2, 3]
+    assert loss == pytest.approx(compute_loss(covariance, value, [0, 1, 2, 3]), rel=1e-9)
+
+
+def test_an_implausible_coordinate_is_pruned_at_any_cost_and_its_loss_counts():
+    covariance, value = np.eye(2), np.array([100.0, 3.0])
+    assert _eliminate((0, 1), {0}, covariance, value, np.zeros(2)) == ([0], pytest.approx(5000.0))
+    # It leaves the budget to the others.
+    assert _eliminate((0, 1), {0}, covariance, value, np.full(2, 5.0)) == ([0, 1], pytest.approx(5004.5))
+
+
+def test_each_coordinate_has_the_budget_of_its_own_channels():
+    """A bias that an even channel shows stays, although one in an uneven channel costs more."""
+    covariance, value = np.eye(3), np.array([4.0, 6.0, 2.0])
+    pruned, loss = _eliminate(range(3), (), covariance, value, np.array([3.0, 40.0, 3.0]))
+    assert sorted(pruned) == [1, 2]
+    assert loss == pytest.approx(20.0)
