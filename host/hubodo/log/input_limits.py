@@ -13,7 +13,6 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from io import FileIO
 from pathlib import Path
-from typing import IO
 
 from hubodo.errors import InputError
 
@@ -110,18 +109,6 @@ def max_expanded_bytes(size: int, minimum: int = 1 << 26) -> int:
 def check_claim(n_bytes: int, path: Path, purpose: str) -> None:
     """Check one claimed size against the memory limit. Raises InputError as `MemoryBudget.claim` does."""
     MemoryBudget(path).claim(n_bytes, purpose)
-
-
-def read_within_limit(
-    stream: IO[bytes], path: Path, purpose: str, budget: MemoryBudget | None = None
-) -> bytes:
-    """Read a stream to its end, such as the contents of a gzip file. Raises InputError beyond the limit."""
-    budget = MemoryBudget(path) if budget is None else budget
-    parts = []
-    while part := stream.read(READ_BLOCK_BYTES):
-        budget.claim(len(part), purpose)
-        parts.append(part)
-    return b"".join(parts)
 
 
 def open_regular(path: Path) -> FileIO:
