@@ -33,7 +33,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from fakes.steady_computer import SteadyComputer, SteadyNode
 from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.record_config import RecordConfig
-from hubodo.ingest.live.snapshot import memory_in_use
+from hubodo.ingest.live.take_snapshot import memory_in_use
 from hubodo.vehicle import NodeMount, Vehicle
 from hubodo.web.address import Address
 from hubodo.web.config import Site

@@ -22,7 +22,8 @@ from hubodo.errors import HubodoError, InputError
 from hubodo.recording import Event
 
 if TYPE_CHECKING:
-    from hubodo.ingest.live.snapshot import Snapshot, SnapshotObserver
+    from hubodo.ingest.live.snapshot import Snapshot
+from hubodo.ingest.live.snapshot_publisher import SnapshotObserver
 
 # Shortest time between two analyses, and the largest share of the time spent on them.
 _MIN_PERIOD_S, _MAX_BUSY_SHARE = 4.0, 0.2

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from hubodo.vehicle import Vehicle
 
 if TYPE_CHECKING:
-    from hubodo.ingest.live.snapshot import Audience
+    from hubodo.ingest.live.snapshot_publisher import Audience
     from hubodo.web.config import WebConfig
 
 _DEFAULT_ADDRESS = ""

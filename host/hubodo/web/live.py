@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from hubodo.ingest.live.snapshot import Audience
+from hubodo.ingest.live.snapshot_publisher import Audience
 from hubodo.listening.server_thread import ServerFaults
 from hubodo.vehicle import Vehicle
 from hubodo.version import __version__

@@ -9,7 +9,8 @@ from pathlib import Path
 
 from hubodo.ingest.live.bulkheads import Bulkheads
 from hubodo.ingest.live.recorder import Recorder
-from hubodo.ingest.live.snapshot import Audience, Snapshot
+from hubodo.ingest.live.snapshot import Snapshot
+from hubodo.ingest.live.snapshot_publisher import Audience
 from hubodo.ingest.live.tee_sink import RecordListener
 from hubodo.listening.server_thread import ServerFaults
 from hubodo.log.log_series import LogSeries

@@ -17,7 +17,7 @@ from hubodo.ingest.live.host_clock import HostClock
 from hubodo.ingest.live.localizer_thread import LocalizerOutput, LocalizerThread
 from hubodo.ingest.live.notify import ServiceNotifier
 from hubodo.ingest.live.recorder import Recorder, RecorderInput
-from hubodo.ingest.live.snapshot import SnapshotPublisher
+from hubodo.ingest.live.snapshot_publisher import SnapshotPublisher
 from hubodo.ingest.live.view import View
 from hubodo.log.log_series import LogSeries
 from hubodo.log.log_writer import LogWriter
