@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from hubodo.log import ros2, topics
 from hubodo.log.chunk_reader import ChunkMessages
 from hubodo.log.decode import ChannelDecoder, header_stamps, normalise_type_name, parse_column_names
+from hubodo.log.decoded_log import EVENT_MEMORY_RATIO
 from hubodo.log.gap_causes import LossTotal, explain_gap, last_health_reports, sum_losses
 from hubodo.log.hubodo_messages import decode_string_message, parse_events
 from hubodo.log.input_limits import MemoryBudget
 from hubodo.log.joints import JointSpeeds
 from hubodo.log.logfile import open_log
-from hubodo.log.recording_reader import EVENT_MEMORY_RATIO
 from hubodo.log.roles import SELECT_BY_TYPE, TopicCandidate, TopicSelection, assign_roles
 from hubodo.log.source import MessageSource, Stream, is_hubodo_log
 from hubodo.recording import BIAS_FILTER_COLUMNS, Event
