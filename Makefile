@@ -5,7 +5,7 @@ export PATH := $(CURDIR)/.venv/bin:$(PATH)
 # The matrices here are small: threads of a matrix library cost more time than they save.
 export OPENBLAS_NUM_THREADS := 1
 # Hundreds of processes import the same files, so their bytecode is cached; a new checkout is compiled by one
-# process, instead of by five that start at the same time.
+# process, instead of by four that start at the same time.
 unexport PYTHONDONTWRITEBYTECODE
 # Hypothesis would import the plugins of other packages, such as trio, into every process.
 export HYPOTHESIS_NO_PLUGINS := 1
@@ -18,7 +18,7 @@ demo: setup          ## the main job end to end, without hardware
 
 test: setup browser compiler  ## all tests that need no hardware
 	@test -d tests/host/fuse/__pycache__ || $(BIN)/python -m pytest --collect-only --quiet >/dev/null
-	$(BIN)/python -m pytest --numprocesses 5 --dist loadfile --no-loadscope-reorder -m "not alone and not repeat"
+	$(BIN)/python -m pytest --numprocesses 4 --dist loadfile --no-loadscope-reorder -m "not alone and not repeat"
 	$(BIN)/python -m pytest -m alone tests/signal_path/test_north_table.py
 
 repeat: setup browser compiler ## further seeds, chips and drives of the tests, which make test runs once; prints them

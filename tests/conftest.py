@@ -87,7 +87,6 @@ def pytest_collection_modifyitems(items):
 
 def pytest_collection_finish():
     # The collected tests stay alive: they are excluded from garbage collection.
-    gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 20, 20)
     gc.enable()

@@ -18,13 +18,14 @@ from in_process import hubodo
 
 pytestmark = pytest.mark.real_time
 
+LOGS = 9
 COLUMNS = ["log", "vehicle", "date", "status", "node", "quantity", "value", "sigma", "unit"]
 
 
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("logs")
-    for number in range(12):
+    for number in range(LOGS):
         write(folder, FleetLog(f"van-{number % 3}", number, seed=number))
     return folder
 
@@ -43,7 +44,7 @@ def batch(logs, out, *options, verb="allan"):
 
 
 def test_a_cluster_that_loses_a_worker_gives_the_results_of_a_local_run(logs, tmp_path, here, monkeypatch):
-    assert batch(logs, tmp_path / "here", *here)["done"] == 12
+    assert batch(logs, tmp_path / "here", *here)["done"] == LOGS
     with cluster(tmp_path, 2) as running:
 
         def lose_one(client, work, places):
@@ -55,7 +56,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_results_of_a_local_run(logs, tm
         monkeypatch.setattr("hubodo.fleet.workflow.examine_each", lose_one)
         done = batch(logs, tmp_path / "there", "--scheduler", running.address)
         assert running.workers[0].wait() == -signal.SIGKILL and running.workers[1].poll() is None
-    assert done["done"] == 12
+    assert done["done"] == LOGS
     pd.testing.assert_frame_equal(numbers(tmp_path / "here"), numbers(tmp_path / "there"))
 
 
@@ -68,11 +69,11 @@ def test_a_log_that_kills_every_worker_is_a_failed_row_and_is_retried(logs, tmp_
     # Dask gives up after two killed workers instead of four, as each takes seconds to start.
     with dask.config.set({"distributed.scheduler.allowed-failures": 1}):
         first = batch([logs / "van-0", killer], tmp_path / "out", "--workers", 1, verb="info")
-    assert (first["done"], first["failed"]) == (4, 1)
+    assert (first["done"], first["failed"]) == (LOGS // 3, 1)
     assert "died" in first["errors"][0]["error"] and first["errors"][0]["log"] == str(killer)
     monkeypatch.undo()
     again = batch([logs / "van-0", killer], tmp_path / "out", *here, verb="info")
-    assert (again["fresh"], again["done"], again["failed"]) == (1, 5, 0)
+    assert (again["fresh"], again["done"], again["failed"]) == (1, LOGS // 3 + 1, 0)
 
 
 def _die_at_killer(verb, options, log, folder):
@@ -92,10 +93,10 @@ def test_ctrl_c_stores_finished_results_and_exits_with_130(logs, tmp_path, here)
     assert process.returncode == 130, errors
     assert errors == "hubodo batch: interrupted; nothing more was written\n"
     finished = numbers(out).log.nunique()
-    assert 3 <= finished < 12
+    assert 3 <= finished < LOGS
     assert (out / "fleet.html").is_file()
     assert _none_left(process.pid)
-    assert batch(logs, out, *here, verb="info")["fresh"] == 12 - finished
+    assert batch(logs, out, *here, verb="info")["fresh"] == LOGS - finished
 
 
 INTERRUPTED = """

@@ -11,6 +11,7 @@ from hubodo.emulator.board.settings import BoardSettings, Flash, SensorBoard
 from hubodo.emulator.chips.faults import BrownOut, Reset
 from hubodo.emulator.motion import StillMotion
 from hubowire import messages as m
+from repetitions import each_value_first
 from virtual_runs import FIRMWARE, match_samples, messages_of, micropython_or_skip, request, run, virtual_node
 
 BOARDS = {
@@ -37,8 +38,7 @@ def run_with_health(tmp_path, seconds, *, health, config=None, **settings):
         return node.output, node.stats["resets"]
 
 
-@pytest.mark.parametrize("link", ["usb", "uart"])
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize(("model", "link"), each_value_first(list(MODELS), ["usb", "uart"]))
 def test_every_board_finds_its_sensor_on_its_own_pins(model, link):
     """The wiring is that of the README; the emulated port refuses pins and units that the board lacks."""
     uart = UART_NUMBERS[model] if link == "uart" else None
@@ -83,8 +83,9 @@ def test_the_battery_is_not_measured_while_wi_fi_uses_its_pin(tmp_path, model, m
     assert volts_mv and (min(volts_mv) > 3600 if measured else volts_mv == {0})
 
 
-@pytest.mark.parametrize("model", ["pico", "pico_2_w", "esp32"])
-@pytest.mark.parametrize("chip", ["lsm6ds33", "mpu6050", "mpu6500"])
+@pytest.mark.parametrize(
+    ("model", "chip"), each_value_first(["pico", "pico_2_w", "esp32"], ["lsm6ds33", "mpu6050", "mpu6500"])
+)
 def test_the_cause_of_each_restart_is_reported(model, chip):
     """The node restarts by power-on, a requested reboot, the reset pin and a brown-out."""
     script = [(1.0, request(1, m.Reboot(m.RebootMode.RUN)))]
@@ -127,8 +128,7 @@ def reported_biases(sent):
     return rows
 
 
-@pytest.mark.parametrize("model", ["pico", "esp32"])
-@pytest.mark.parametrize("chip", ["lsm6ds33", "mpu6050"])
+@pytest.mark.parametrize(("model", "chip"), each_value_first(["pico", "esp32"], ["lsm6ds33", "mpu6050"]))
 def test_the_warm_up_continues_after_a_reset_and_restarts_after_a_brown_out(model, chip):
     """The warm-up is 1.4 deg/s within 10 s: complete after a reset, restarted by a brown-out."""
     faults = [Reset(2.0), BrownOut(4.0)]

@@ -10,6 +10,7 @@ from small_int import SmallInt
 
 from fakes import fake_port
 from fakes.fake_port import PORT_TICKS
+from repetitions import each_value_first
 
 
 class PolledSamples:
@@ -126,9 +127,10 @@ def test_a_sample_is_identified_only_if_the_poll_cannot_contain_another_one(beyo
     assert polled.clock.identifies(early, early + round(10_000 - 2 * half_us) + beyond_us) == identified
 
 
-@pytest.mark.parametrize("seed", range(1, 4))
-@pytest.mark.parametrize("rate_error", [-0.1, -0.03, 0.0, 0.05, 0.1])
-@pytest.mark.parametrize("rate", [12.5, 50, 104, 416, 1000, 1660])
+@pytest.mark.parametrize(
+    ("rate", "rate_error", "seed"),
+    each_value_first([12.5, 50, 104, 416, 1000, 1660], [-0.1, -0.03, 0.0, 0.05, 0.1], range(1, 4)),
+)
 def test_the_window_contains_the_true_time_and_becomes_narrow(rate, rate_error, seed):
     """This holds for any rate error of the chip, with polls per batch that are slightly early or late."""
     nominal_us = 1e6 / rate

@@ -11,7 +11,7 @@ from hubodo.emulator.board.network import WifiEnvironment
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host
 from hubodo.emulator.virtual_node import VirtualNode
 from hubowire import messages as m
-from repetitions import first_and_more
+from repetitions import each_value_first, first_and_more
 from virtual_runs import (
     FIRMWARE,
     count_missing_frames,
@@ -130,8 +130,7 @@ def test_a_station_that_is_already_joining_at_power_on_connects(port):
     assert check_and_get_times(sent, truth, stats)[-1] > 11.5
 
 
-@pytest.mark.parametrize("host", ["laptop.lan", "laptop.local"])
-@pytest.mark.parametrize("port", PORTS)
+@pytest.mark.parametrize(("port", "host"), each_value_first(PORTS, ["laptop.lan", "laptop.local"]))
 def test_a_host_is_found_by_name_and_again_at_a_new_address_after_an_outage(port, host):
     """The name server is silent at first and again later: no loop waits for it."""
     air = WifiEnvironment(

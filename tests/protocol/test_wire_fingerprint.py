@@ -37,12 +37,10 @@ def test_an_unchanged_table_has_the_same_fingerprint():
     assert of(tuple(rebuilt(kind) for kind in MESSAGES)) == FINGERPRINT
 
 
-@pytest.mark.parametrize(
-    "change", [{"name": "other"}, {"type": "7q"}, {"scale": "1e-29"}, {"unit": "furlong"}], ids=str
-)
 @pytest.mark.parametrize(("kind", "field"), FIELDS, ids=lambda value: getattr(value, "__name__", value))
-def test_any_name_type_scale_or_unit_changes_it(kind: type[Message], field: str, change: dict):
-    assert of(swapped(kind, rebuilt(kind, **{field: change}))) != FINGERPRINT
+def test_any_name_type_scale_or_unit_changes_it(kind: type[Message], field: str):
+    for change in ({"name": "other"}, {"type": "7q"}, {"scale": "1e-29"}, {"unit": "furlong"}):
+        assert of(swapped(kind, rebuilt(kind, **{field: change}))) != FINGERPRINT, change
 
 
 def test_descriptions_do_not_change_the_fingerprint():

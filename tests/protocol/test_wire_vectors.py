@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,17 @@ def expected_frames(vector: dict) -> list[Frame]:
     return [
         Frame(row["type"], row["node"], row["seq"], bytes.fromhex(row["payload"])) for row in vector["frames"]
     ]
+
+
+def blocks(vector: dict, size: int) -> Iterator[bytes]:
+    """Yield the stream of a vector in blocks of `size` bytes."""
+    stream = bytes.fromhex(vector["stream"])
+    return (stream[at : at + size] for at in range(0, len(stream), size))
+
+
+def assert_damage_is_that_of(vector: dict, decoder: FrameDecoder | BulkDecoder) -> None:
+    assert dataclasses.asdict(decoder.damage) == vector["damage"]
+    assert (decoder.idle_delimiters, decoder.pending_bytes) == (vector["idle_delimiters"], vector["pending"])
 
 
 def one_frame(vector: dict) -> bool:
@@ -48,32 +60,27 @@ def test_every_cause_of_damage_has_a_vector():
 
 
 @pytest.mark.parametrize("vector", VECTORS)
-@pytest.mark.parametrize("size", [1, 2, 7, 10_000])
-def test_the_streaming_decoder_returns_the_frames_of_the_vector_for_blocks_of_any_size(
-    vector: dict, size: int
-):
-    stream = bytes.fromhex(vector["stream"])
-    decoder = FrameDecoder()
-    frames = [frame for at in range(0, len(stream), size) for frame in decoder.feed(stream[at : at + size])]
-    assert frames == expected_frames(vector)
-    assert dataclasses.asdict(decoder.damage) == vector["damage"]
-    assert (decoder.idle_delimiters, decoder.pending_bytes) == (vector["idle_delimiters"], vector["pending"])
+def test_the_streaming_decoder_returns_the_frames_of_the_vector_for_blocks_of_any_size(vector: dict):
+    for size in (1, 2, 7, 10_000):
+        decoder = FrameDecoder()
+        frames = [frame for block in blocks(vector, size) for frame in decoder.feed(block)]
+        assert frames == expected_frames(vector), size
+        assert_damage_is_that_of(vector, decoder)
 
 
 @pytest.mark.parametrize("vector", VECTORS)
-@pytest.mark.parametrize("size", [1, 10_000])
-def test_the_bulk_decoder_returns_the_frames_of_the_vector_for_blocks_of_any_size(vector: dict, size: int):
-    stream = bytes.fromhex(vector["stream"])
-    decoder = BulkDecoder()
-    groups = [group for at in range(0, len(stream), size) for group in decoder.feed(stream[at : at + size])]
-    received = [
-        (int(end), Frame(group.type_id, group.node, int(seq), payload.tobytes()))
-        for group in groups
-        for end, seq, payload in zip(group.end_offset, group.seq, group.payload, strict=True)
-    ]
-    assert [frame for _, frame in sorted(received, key=lambda row: row[0])] == expected_frames(vector)
-    assert dataclasses.asdict(decoder.damage) == vector["damage"]
-    assert (decoder.idle_delimiters, decoder.pending_bytes) == (vector["idle_delimiters"], vector["pending"])
+def test_the_bulk_decoder_returns_the_frames_of_the_vector_for_blocks_of_any_size(vector: dict):
+    for size in (1, 10_000):
+        decoder = BulkDecoder()
+        received = [
+            (int(end), Frame(group.type_id, group.node, int(seq), payload.tobytes()))
+            for block in blocks(vector, size)
+            for group in decoder.feed(block)
+            for end, seq, payload in zip(group.end_offset, group.seq, group.payload, strict=True)
+        ]
+        frames = [frame for _, frame in sorted(received, key=lambda row: row[0])]
+        assert frames == expected_frames(vector), size
+        assert_damage_is_that_of(vector, decoder)
 
 
 @pytest.mark.parametrize("vector", VECTORS)

@@ -52,7 +52,7 @@ def test_without_acknowledgements_only_frames_with_lost_packets_are_lost():
 
 
 def test_while_a_receiver_stops_its_nodes_queue_frames_and_drop_the_oldest():
-    recorded = ride(PacketFaults(), faults=(Stall(1.0, seconds=1.4),), seconds=3.6)
+    recorded = ride(PacketFaults(), ids=(1,), faults=(Stall(1.0, seconds=1.4),), seconds=3.6)
     for k, sent in recorded.sent.items():
         matches = match_samples(sent, recorded.truths[k])
         holes = np.flatnonzero(np.diff(matches[:, 0]) != 1)

@@ -31,7 +31,7 @@ def folder(tmp_path_factory):
     (rides / "model.toml").write_text(MODEL)
     leaning = tmp_path_factory.mktemp("truth") / "leaning.toml"
     leaning.write_text(MODEL + "[nodes.right.effects.wheel_camber]\nangle = 0.1\n")
-    done = hubodo("simulate", leaning, "--duration", 24, "-o", rides / "ride.mcap")
+    done = hubodo("simulate", leaning, "--duration", 24, "--rate", 52, "-o", rides / "ride.mcap")
     assert done.code == 0, done.err
     return rides
 
