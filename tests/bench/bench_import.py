@@ -19,7 +19,7 @@ from arguments import parse_arguments
 from mcap.writer import CompressionType, Writer
 from speedups import record_speedup
 
-from hubodo.log import ros2
+from hubodo.log import cdr_layouts, ros2
 from hubodo.log.csv_folder import read_folder
 from hubodo.log.recording_writer import write_recording
 
@@ -49,7 +49,7 @@ def peer(folder, path):
         for file in sorted(folder.glob("*.csv")):
             table = pandas.read_csv(file)
             channel = writer.register_channel(f"/{file.stem}/imu", "cdr", schema)
-            layout = ros2.stamped_layout(ros2.IMU, file.stem)
+            layout = cdr_layouts.stamped_layout(ros2.IMU, file.stem)
             rows = np.zeros(len(table), layout.dtype)
             rows[:] = layout.template
             rows["angular_velocity"] = table[list(COLUMNS[1:4])].to_numpy()

@@ -19,7 +19,7 @@ from foxglove.mcap import MCAPWriteOptions
 from mcap.writer import CompressionType, Writer
 from speedups import record_speedup
 
-from hubodo.log import ros2
+from hubodo.log import cdr_layouts, ros2
 from hubodo.log.log_writer import LogWriter
 
 RUNS = 5
@@ -97,7 +97,7 @@ _PAYLOADS = [row.tobytes() for row in _RNG.integers(0, 256, (1000, SMALL), np.ui
 
 
 def _encoded() -> list[bytes]:
-    layout = ros2.stamped_layout(ros2.IMU, "left")
+    layout = cdr_layouts.stamped_layout(ros2.IMU, "left")
     rows = np.zeros(4000, layout.dtype)
     rows[:] = layout.template
     rows["angular_velocity"], rows["linear_acceleration"] = _GYRO[:4000], _ACCEL[:4000]

@@ -18,7 +18,7 @@ from mcap.writer import CompressionType, Writer
 from rosbags.rosbag1 import Writer as Bag1
 from rosbags.typesys import Stores, get_typestore
 
-from hubodo.log import ros2
+from hubodo.log import cdr_layouts, ros2
 from hubodo.log.log_writer import LogWriter
 from hubodo.recording import Event
 from hubowire import FINGERPRINT, MESSAGES, Frame, FrameDecoder, encode, encode_frame
@@ -172,7 +172,7 @@ def foreign_log(*, chunked: bool, crcs: bool) -> bytes:
     for topic, name in (("/imu", ros2.IMU), ("/fix", ros2.NAV_SAT_FIX), ("/odom", ros2.ODOMETRY)):
         schema = writer.register_schema(name, "ros2msg", ros2.definition(name).encode())
         channel = writer.register_channel(topic, "cdr", schema)
-        layout = ros2.stamped_layout(name, "frame", "child" if name == ros2.ODOMETRY else "")
+        layout = cdr_layouts.stamped_layout(name, "frame", "child" if name == ros2.ODOMETRY else "")
         for k in range(30):
             writer.add_message(channel, T0 + k * 10_000_000, layout.template.tobytes(), T0 + k * 10_000_000)
     writer.add_metadata("someone", {"a": "b"})
@@ -198,7 +198,7 @@ def bag_database(n_messages: int = 30) -> bytes:
         base.executescript(BAG_SCHEMA)
         for number, (topic, kind) in enumerate(BAG_TOPICS, 1):
             base.execute("INSERT INTO topics VALUES (?, ?, ?, 'cdr')", (number, topic, kind))
-            layout = ros2.stamped_layout(kind, "frame", "child" if kind == ros2.ODOMETRY else "")
+            layout = cdr_layouts.stamped_layout(kind, "frame", "child" if kind == ros2.ODOMETRY else "")
             for k in range(n_messages):
                 row = (number, T0 + k * 10_000_000, layout.template.tobytes())
                 base.execute("INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)", row)

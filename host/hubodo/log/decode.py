@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hubodo.log import ros2
+from hubodo.log import cdr_layouts, ros2
 from hubodo.log.chunk_reader import ChunkMessages
 from hubodo.log.input_limits import MemoryBudget
 from hubodo.log.message_records import MESSAGE_HEADER
@@ -114,7 +114,7 @@ class ChannelDecoder:
     """Memory budget for the decoded rows."""
     undecodable: int = 0
     label: str = ""
-    _layout: ros2.ReceivedLayout | None = None
+    _layout: cdr_layouts.ReceivedLayout | None = None
     _n_layouts: int = 0
     _window: int = _MAX_WINDOW_MESSAGES
     _n_fed: int = 0
@@ -162,7 +162,7 @@ class ChannelDecoder:
             self._n_layouts += 1
             payload = messages.payload(int(indices[done]))
             try:
-                self._layout = ros2.infer_layout(self.schema, payload)
+                self._layout = cdr_layouts.infer_layout(self.schema, payload)
                 if not self._runs and "layout.dim[0].label" in (self._layout.dtype.names or ()):
                     self.label = self._layout.read_string(payload, "layout.dim[0].label")
             except ValueError:

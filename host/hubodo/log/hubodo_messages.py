@@ -11,7 +11,7 @@ import math
 import struct
 from collections.abc import Iterable
 
-from hubodo.log.ros2 import ENCAPSULATION
+from hubodo.log.cdr_layouts import ENCAPSULATION
 from hubodo.recording import Event
 
 _LENGTH = struct.Struct("<I")

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hubodo.log import ros2, topics
+from hubodo.log import cdr_layouts, ros2, topics
 from hubodo.log.chunk_writer import ChunkWriter
 from hubodo.log.frames import GNSS_FRAME, sensor_frames
 from hubodo.log.hubodo_messages import encode_bytes_message, encode_string_message
@@ -159,7 +159,7 @@ class LogWriter(ChunkWriter):
             texts |= {part + "header.frame_id": b"base_link", part + "child_frame_id": frame.name.encode()}
             values[part + "transform.translation"] = np.array([frame.position])
             values[part + "transform.rotation"] = np.array([frame.rotation])
-        layout = ros2.cdr_layout(ros2.TF, texts, {"transforms": len(frames)})
+        layout = cdr_layouts.cdr_layout(ros2.TF, texts, {"transforms": len(frames)})
         channel = self.add_ros2_channel(topics.TF_STATIC, ros2.TF)
         self._static_frames = RowBuffer(channel, layout, ""), values
         self.repeat_static_frames(t_ns)
@@ -233,7 +233,7 @@ class LogWriter(ChunkWriter):
         if stream is None:
             metadata = {"columns": json_text(list(table))}
             channel = self.add_ros2_channel(topic, ros2.FLOAT64_ARRAY, metadata)
-            stream = self._streams[topic] = RowBuffer(channel, ros2.columns_layout(list(table)), "")
+            stream = self._streams[topic] = RowBuffer(channel, cdr_layouts.columns_layout(list(table)), "")
         rows = np.column_stack([np.asarray(values, np.float64) for values in table.values()])
         self.write_rows(stream, t_pub_ns, t_log_ns, {"data": rows})
 
@@ -278,7 +278,9 @@ class LogWriter(ChunkWriter):
         if channel is None:
             channel = self.add_ros2_channel(topic, schema)
         stamp = "transforms[0].header." if schema == ros2.TF else "header."
-        stream = self._streams[key] = RowBuffer(channel, ros2.stamped_layout(schema, frame, child), stamp)
+        stream = self._streams[key] = RowBuffer(
+            channel, cdr_layouts.stamped_layout(schema, frame, child), stamp
+        )
         return stream
 
     def _open_imu_stream(self, node: str) -> RowBuffer:

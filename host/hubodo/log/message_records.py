@@ -10,7 +10,7 @@ import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from hubodo.log import ros2
+from hubodo.log import cdr_layouts
 
 MESSAGE_HEADER = np.dtype(
     [
@@ -42,7 +42,7 @@ class RowBuffer:
     The first `n_filled` rows wait for their chunk.
     """
 
-    def __init__(self, channel: int, layout: ros2.CdrLayout, stamp: str) -> None:
+    def __init__(self, channel: int, layout: cdr_layouts.CdrLayout, stamp: str) -> None:
         size = layout.dtype.itemsize
         self.channel = channel
         self.n_filled = 0

@@ -6,7 +6,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from hubodo.log import ros2
+from hubodo.log import cdr_layouts, ros2
 
 _CODES = {
     "bool": "?",
@@ -29,7 +29,7 @@ def encode_message(message_type: str, values: Mapping[str, Any]) -> bytes:
     """
     out = bytearray()
     _encode_fields(message_type, values, out)
-    return ros2.ENCAPSULATION + bytes(out)
+    return cdr_layouts.ENCAPSULATION + bytes(out)
 
 
 def _encode_fields(message_type: str, values: Mapping[str, Any], out: bytearray) -> None:
@@ -82,7 +82,7 @@ class _CdrReader:
     """Reads values one after another from a message."""
 
     def __init__(self, payload: bytes, order: str) -> None:
-        self._payload, self._order, self._offset = payload, order, len(ros2.ENCAPSULATION)
+        self._payload, self._order, self._offset = payload, order, len(cdr_layouts.ENCAPSULATION)
 
     def read_fields(self, message_type: str) -> dict[str, Any]:
         values: dict[str, Any] = {}
@@ -115,7 +115,7 @@ class _CdrReader:
             return ()
         size = struct.calcsize(code)
         # Alignment counts from the end of the encapsulation.
-        start = self._offset + -(self._offset - len(ros2.ENCAPSULATION)) % size
+        start = self._offset + -(self._offset - len(cdr_layouts.ENCAPSULATION)) % size
         self._offset = start + size * count
         if self._offset > len(self._payload):
             raise ValueError(f"{count} numbers at byte {start} of {len(self._payload)}")

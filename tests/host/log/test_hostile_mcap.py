@@ -9,7 +9,7 @@ import pytest
 from mcap.writer import Writer
 
 from fuzz.seeds import T0
-from hubodo.log import decode, ros2, scan
+from hubodo.log import cdr_layouts, decode, ros2, scan
 from hubodo.log.any_log import read_log
 from hubodo.log.decode import ChannelDecoder
 from hubodo.log.logfile import open_log
@@ -20,13 +20,13 @@ HUBODO_METADATA = {"hubodo": {"t_zero_ns": str(T0)}}
 
 
 def imu(frame: str, gz: float) -> bytes:
-    message = ros2.stamped_layout(ros2.IMU, frame).template.copy()
+    message = cdr_layouts.stamped_layout(ros2.IMU, frame).template.copy()
     message["angular_velocity"][2] = gz
     return message.tobytes()
 
 
 IMU = [imu("short", 0.0), imu("a_longer_name", 1.0)]
-ODOMETRY = ros2.stamped_layout(ros2.ODOMETRY, "odom", "base").template.tobytes()
+ODOMETRY = cdr_layouts.stamped_layout(ros2.ODOMETRY, "odom", "base").template.tobytes()
 
 
 def write(
@@ -96,7 +96,7 @@ def test_a_topic_with_an_invalid_schema_is_left_out_of_a_rosbag2(definition, tmp
 @pytest.mark.parametrize("kind", ["undecodable", "alternating"])
 def test_the_number_of_searches_for_messages_is_bounded(kind, tmp_path, monkeypatch):
     n = 4000
-    payloads = [ros2.ENCAPSULATION + b"\xff" * 8] * 2 if kind == "undecodable" else IMU
+    payloads = [cdr_layouts.ENCAPSULATION + b"\xff" * 8] * 2 if kind == "undecodable" else IMU
     path = write(tmp_path / "x.mcap", (("/imu", ros2.IMU, payloads[i % 2]) for i in range(n)))
     located = []
     fitting = ChannelDecoder._count_matching
@@ -117,11 +117,11 @@ def test_the_number_of_searches_for_messages_is_bounded(kind, tmp_path, monkeypa
 
 def test_a_channel_with_a_new_layout_in_each_message_is_decoded_up_to_a_limit(tmp_path, monkeypatch):
     monkeypatch.setattr(decode, "MAX_LAYOUT_CHANGES", 50)
-    payloads = [ros2.ENCAPSULATION + b"\xff" * 8] * 200
+    payloads = [cdr_layouts.ENCAPSULATION + b"\xff" * 8] * 200
     path = write(tmp_path / "x.mcap", (("/imu", ros2.IMU, payload) for payload in payloads))
     measured = []
-    measure = ros2.infer_layout
-    monkeypatch.setattr(ros2, "infer_layout", lambda *args: measured.append(1) or measure(*args))
+    measure = cdr_layouts.infer_layout
+    monkeypatch.setattr(cdr_layouts, "infer_layout", lambda *args: measured.append(1) or measure(*args))
     assert any("200 messages of /imu do not match" in line for line in read_log(path).warnings)
     assert len(measured) == 50
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 
 from hubodo.errors import LogError
-from hubodo.log import ros2
+from hubodo.log import cdr_layouts, ros2
 from hubodo.log.hubodo_messages import decode_bytes_message
 from hubodo.log.log_writer import LogWriter
 from hubodo.log.recording_reader import open_log, read_recording
@@ -175,7 +175,7 @@ def test_false_lengths_allocate_no_memory(kind: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE])
 def test_logs_of_other_writers_are_read_by_topic_name(chunked: bool, compression, tmp_path: Path) -> None:
     path = tmp_path / "foreign.mcap"
-    layout = ros2.stamped_layout(ros2.IMU, "imu_link")
+    layout = cdr_layouts.stamped_layout(ros2.IMU, "imu_link")
     with path.open("wb") as stream:
         writer = Writer(stream, compression=compression, use_chunking=chunked, chunk_size=5000)
         writer.start("ros2", "somebody else")
@@ -204,8 +204,8 @@ def test_messages_of_changing_frame_names_are_all_decoded_in_order(tmp_path: Pat
     with LogWriter(path, t_zero_ns=0) as log:
         channel = log.add_ros2_channel("/x/imu", ros2.IMU)
         for i, name in enumerate(names):
-            record = np.zeros(1, ros2.stamped_layout(ros2.IMU, name).dtype)
-            record[0] = ros2.stamped_layout(ros2.IMU, name).template
+            record = np.zeros(1, cdr_layouts.stamped_layout(ros2.IMU, name).dtype)
+            record[0] = cdr_layouts.stamped_layout(ros2.IMU, name).template
             record["header.stamp.nanosec"], record["linear_acceleration"] = i + 1, i
             log.write(channel, i, i, record.tobytes())
             if i % 10 == 0:

@@ -7,7 +7,7 @@ import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.records import Message
 
-from hubodo.log import ros2
+from hubodo.log import cdr_layouts, ros2
 from hubodo.log.message_records import MESSAGE_HEADER, RowBuffer, encode_message_record
 
 
@@ -20,7 +20,7 @@ def test_a_record_is_what_the_mcap_package_reads():
 
 
 def test_a_row_of_a_buffer_has_the_bytes_of_a_single_record():
-    layout = ros2.stamped_layout(ros2.TEMPERATURE, "left")
+    layout = cdr_layouts.stamped_layout(ros2.TEMPERATURE, "left")
     buffer = RowBuffer(7, layout, "header.")
     buffer.field_view("temperature")[:2] = [20.5, 21.5]
     buffer.log_time[:2], buffer.publish_time[:2], buffer.sequence[:2] = [100, 200], [90, 190], [3, 4]

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from hubodo.log import ros2
+from hubodo.log import cdr_layouts, ros2
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 ALL = (
@@ -36,7 +36,7 @@ def test_definitions_have_the_type_hash_of_ros2_humble(name: str) -> None:
     assert own.hash_rihs01(name) == STORE.hash_rihs01(name)
 
 
-def create_record(layout: ros2.CdrLayout, seed: int) -> np.ndarray:
+def create_record(layout: cdr_layouts.CdrLayout, seed: int) -> np.ndarray:
     """Return a record in which adjacent numbers differ, so that exchanged fields are detected."""
     rng = np.random.default_rng(seed)
     record = np.zeros(1, layout.dtype)  # numpy's copy() leaves padding bytes undefined
@@ -76,7 +76,7 @@ def compare_fields(message: object, record: np.ndarray, prefix: str = "") -> int
 @pytest.mark.parametrize("name", ALL[:-1])
 @given(frame=FRAMES, child=FRAMES, seed=st.integers(0, 2**32 - 1))
 def test_rosbags_decodes_and_encodes_the_same_bytes(name: str, frame: str, child: str, seed: int) -> None:
-    layout = ros2.stamped_layout(name, frame, child)
+    layout = cdr_layouts.stamped_layout(name, frame, child)
     record = create_record(layout, seed)
     message = STORE.deserialize_cdr(record.tobytes(), name)
     assert compare_fields(message, record) >= 5
@@ -85,7 +85,7 @@ def test_rosbags_decodes_and_encodes_the_same_bytes(name: str, frame: str, child
 
 @given(count=st.integers(0, 9), seed=st.integers(0, 2**32 - 1))
 def test_rows_of_columns_are_a_float64_multi_array_of_one_dimension(count: int, seed: int) -> None:
-    layout = ros2.columns_layout([f"c{i}" for i in range(count)])
+    layout = cdr_layouts.columns_layout([f"c{i}" for i in range(count)])
     record = create_record(layout, seed)
     record["layout.dim[0].size"], record["layout.dim[0].stride"], record["layout.data_offset"] = (
         count,
@@ -102,15 +102,15 @@ def test_rows_of_columns_are_a_float64_multi_array_of_one_dimension(count: int, 
 @pytest.mark.parametrize("name", ALL[:-1])
 @given(frame=FRAMES, child=FRAMES)
 def test_a_layout_derived_from_bytes_is_that_of_the_writer(name: str, frame: str, child: str) -> None:
-    layout = ros2.stamped_layout(name, frame, child)
-    assert ros2.infer_layout(name, layout.template.tobytes()).dtype == layout.dtype
+    layout = cdr_layouts.stamped_layout(name, frame, child)
+    assert cdr_layouts.infer_layout(name, layout.template.tobytes()).dtype == layout.dtype
 
 
 @pytest.mark.parametrize("name", ALL)
 @given(payload=st.binary(max_size=200))
 def test_a_layout_of_random_bytes_is_found_or_raises_a_value_error(name: str, payload: bytes) -> None:
     try:
-        form = ros2.infer_layout(name, b"\0\1\0\0" + payload)
+        form = cdr_layouts.infer_layout(name, b"\0\1\0\0" + payload)
     except ValueError:
         return
     assert form.dtype.itemsize <= len(payload) + 4
@@ -119,7 +119,7 @@ def test_a_layout_of_random_bytes_is_found_or_raises_a_value_error(name: str, pa
 def test_a_length_beyond_the_message_is_refused_before_anything_is_allocated() -> None:
     payload = b"\0\1\0\0" + struct.pack("<I", 0xFFFFFFF0) + bytes(100)
     with pytest.raises(ValueError, match="claims 4294967280 elements"):
-        ros2.infer_layout(ros2.TF, payload)
+        cdr_layouts.infer_layout(ros2.TF, payload)
 
 
 def test_layouts_of_big_endian_messages_are_derived() -> None:
@@ -127,6 +127,6 @@ def test_layouts_of_big_endian_messages_are_derived() -> None:
     payload = b"\0\0\0\0" + struct.pack(
         ">iII5s3x4xdd", message.seconds, 9, 5, message.frame, message.value, 0.0
     )
-    form = ros2.infer_layout(ros2.TEMPERATURE, payload)
+    form = cdr_layouts.infer_layout(ros2.TEMPERATURE, payload)
     record = np.frombuffer(payload, form.dtype)[0]
     assert (record["header.stamp.sec"], record["temperature"]) == (7, 21.5)
