@@ -14,7 +14,7 @@ from hubodo.log.bag import METADATA_FILE, open_bag
 from hubodo.log.csv_folder import Progress, read_files, read_folder
 from hubodo.log.input_limits import check_regular
 from hubodo.log.logfile import open_log
-from hubodo.log.number_file import detect_file_kind
+from hubodo.log.number_file import detect_file_kind, explain_conversion
 from hubodo.log.number_recording import (
     InputFormat,
     convert_to_si,
@@ -139,6 +139,8 @@ def find_mcap_file(path: Path) -> Path | None:
     """
     check_regular(path)
     if not path.is_dir():
+        if conversion := explain_conversion(path):
+            raise InputError(f"{path}: is {conversion}")
         kind = detect_file_kind(path)
         is_mcap = kind in ("mcap", "unknown") and not is_parquet(path)
         if kind == "unknown" and path.suffix in _TEXT_SUFFIXES and path.is_file() and path.stat().st_size:

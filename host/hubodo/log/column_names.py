@@ -9,14 +9,48 @@ from hubodo.errors import InputError
 from hubodo.log.units import si_factor
 from hubodo.recording import NODE_COLUMNS, NODE_OPTIONAL_COLUMNS
 
-TIME_UNITS_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9}
+TIME_UNITS_S = {"s": 1.0, "ms": 1e-3, "100us": 1e-4, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9}
 """Seconds per unit of time; the micro sign and the Greek letter are different characters."""
-_TIME_NAMES = ("t", "time", "timestamp", "time_stamp", "datetime", "date_time", "seconds_elapsed")
+_TIME_NAMES = (
+    "t",
+    "time",
+    "timestamp",
+    "time_stamp",
+    "datetime",
+    "date_time",
+    "seconds_elapsed",
+    "elapsed",
+    "unittime",
+)
 _SENSOR_NAMES = {
-    "g": "g|w|gyr|gyro|gyroscope|angular_velocity|angular_rate|rotation_rate|omega",
-    "a": "a|acc|accel|accelerometer|acceleration|specific_force",
+    "g": ("g|w|w_rs_s", "gyr|gyro|gyroscope|angular_velocity|angular_rate|rotation_rate|omega"),
+    "a": ("a|gf|a_rs_s", "acc|accel|accelerometer|acceleration|specific_force"),
 }
-_CHANNELS = tuple((letter, re.compile(rf"(?:{names})_?([xyz])")) for letter, names in _SENSOR_NAMES.items())
+"""Short and long names of gyro and accelerometer; numbers of axes are recognised after long ones only."""
+_NAME_UNITS = {
+    "g": {
+        "rad": "rad/s",
+        "rad_s": "rad/s",
+        "rads": "rad/s",
+        "dps": "deg/s",
+        "deg_s": "deg/s",
+        "mdps": "mdeg/s",
+    },
+    "a": {"g": "g", "mg": "mg", "m_s2": "m/s^2", "ms2": "m/s^2", "mps2": "m/s^2", "mss": "m/s^2"},
+}
+"""Units within a name, such as `gyro_rad[0]`, `AccX_g` or `GyroX_dps`."""
+
+
+def _channel_pattern(letter: str) -> re.Pattern[str]:
+    short, long = _SENSOR_NAMES[letter]
+    units = "|".join(_NAME_UNITS[letter])
+    return re.compile(rf"(?:(?:{short})_?([xyz])|(?:{long})(?:_({units}))?_?([xyz012]))(?:_({units}))?")
+
+
+_CHANNELS = tuple((letter, _channel_pattern(letter)) for letter in _SENSOR_NAMES)
+_AXIS_OF_INDEX = str.maketrans("012", "xyz")
+_TIME_OF_UNIT = {"ms": "ms", "millis": "ms", "us": "us", "micros": "us", "timeus": "us"}
+"""Names of time columns that are units, as in sketches for Arduino; TimeUS of ArduPilot."""
 _HEADING = re.compile(r"(.*?)\s*[(\[]([^()\[\]\d][^()\[\]]*)[)\]]\s*")
 """A heading with its unit in brackets; a number in brackets is the column of an array."""
 _PLAIN_UNITS = ("", "-", "1", "°C", "degC", "C", "V")
@@ -52,11 +86,15 @@ def parse_heading(heading: str) -> NamedColumn:
             return NamedColumn("t", unit or ("s" if name == "seconds_elapsed" else ""), heading)
         if stem in _TIME_NAMES and suffix in TIME_UNITS_S:
             return NamedColumn("t", suffix, heading)
+        if name in _TIME_OF_UNIT:
+            return NamedColumn("t", _TIME_OF_UNIT[name], heading)
         if name in NODE_OPTIONAL_COLUMNS:
             return NamedColumn(name, unit, heading)
         for letter, pattern in _CHANNELS:
             if channel := pattern.fullmatch(name):
-                return NamedColumn(letter + channel[1], unit, heading)
+                axis = (channel[1] or channel[3]).translate(_AXIS_OF_INDEX)
+                named_unit = _NAME_UNITS[letter].get(channel[2] or channel[4] or "", "")
+                return NamedColumn(letter + axis, unit or named_unit, heading)
     return NamedColumn("", unit, heading)
 
 

@@ -14,6 +14,8 @@ from hubodo.recording import NODE_COLUMNS, TABLE_FILE_COLUMNS, Event, Recording,
 from hubodo.safe_text import json_text
 
 TableFormat = Literal["csv", "parquet"]
+_HINT_DEPTHS = ("*/*.csv", "*/*/*.csv", "*/*/*/*.csv")
+"""Where a CSV file is looked up for an error message."""
 SUFFIXES = (".csv", ".csv.gz", ".parquet")
 Progress = Callable[[str, float], None]
 """Called with the current step and the fraction done."""
@@ -101,9 +103,11 @@ def _find_files(folder: Path) -> dict[str, Path]:
             )
         path_by_name[name] = path
     if all(name in TABLE_FILE_COLUMNS for name in path_by_name) and "wheels" not in path_by_name:
+        deeper = next(iter(sorted(it for depth in _HINT_DEPTHS for it in folder.glob(depth))), None)
+        hint = f"; give the file of another program alone, such as {deeper}" if deeper else ""
         raise InputError(
             f"{folder}: holds no node; it needs at least one file <node>.csv with the columns "
-            f"{','.join(NODE_COLUMNS)}, or wheels.csv"
+            f"{','.join(NODE_COLUMNS)}, or wheels.csv{hint}"
         )
     return dict(sorted(path_by_name.items(), key=lambda item: item[0] in TABLE_FILE_COLUMNS))
 

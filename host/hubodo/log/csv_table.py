@@ -307,7 +307,8 @@ def _parse_header(path: Path, header: str, line: int, required: Sequence[str]) -
     if missing:
         raise InputError(
             f"{path}: row {line}: no column {', '.join(missing)} in the header {header[:80]!r}; "
-            f"the columns must include {','.join(required)}"
+            f"the columns must include {','.join(required)}; hubodo reads a file of another program if it is "
+            "given alone, without its folder"
         )
     for name, times in Counter(names).items():
         if times > 1:

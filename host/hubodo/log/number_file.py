@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.log.array_process import read_isolated
+from hubodo.log.foreign_formats import CONVERSIONS, SHEET_SUFFIXES
 from hubodo.log.input_limits import open_regular
 from hubodo.log.number_text import read_text_table
 from hubodo.log.numpy_file import read_numpy
@@ -26,6 +28,8 @@ _MAGIC_BYTES: tuple[tuple[bytes, FileKind], ...] = (
     (b"\x93NUMPY", "numpy"),
     (b"PK\x03\x04", "numpy"),
     (b"\x1f\x8b", "text"),
+    (codecs.BOM_UTF16_LE, "text"),
+    (codecs.BOM_UTF16_BE, "text"),
     (b"MATLAB 5.0 MAT-file", "matlab"),
     (b"MATLAB 7.3 MAT-file", "hdf5"),
 )
@@ -74,6 +78,18 @@ def detect_file_kind(path: Path) -> FileKind:
         byte in b"0123456789" for byte in head
     )
     return "text" if is_text else "unknown"
+
+
+def explain_conversion(path: Path) -> str:
+    """Return what a file of another program is and how it is converted, or ""; it may be missing."""
+    try:
+        with open_regular(path) as stream:
+            head = stream.read(8)
+    except OSError:
+        return ""
+    if path.suffix.lower() in SHEET_SUFFIXES:
+        return "a workbook; save the sheet as CSV"
+    return next((advice for magic, advice in CONVERSIONS.items() if head.startswith(magic)), "")
 
 
 def read_numbers(path: Path, kind: FileKind, variable: str | None) -> NumberTable:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +18,11 @@ from hubodo.log.column_names import (
     parse_heading,
     time_factor,
 )
+from hubodo.log.foreign_formats import apply_foreign_format, instance_rows
 from hubodo.log.number_file import FileKind, NumberTable, format_names, read_numbers
 from hubodo.log.parquet_table import read_numeric_columns
 from hubodo.log.roles import SELECT_BY_TYPE, TopicSelection
-from hubodo.log.units import si_factor
+from hubodo.log.units import sensor_of_unit, si_factor
 from hubodo.recording import NODE_COLUMNS, NODE_OPTIONAL_COLUMNS, Recording, Table
 from hubodo.units import NS_PER_S
 
@@ -44,6 +45,7 @@ class InputFormat:
     topic_selection : which topic is which node or table.
     zeros : value of each channel at zero, in the numbers of the file, by channel.
     scales : units per number of the file, by channel.
+    used_channels : channels that the caller evaluates; others may lack a unit and are then left out.
     """
 
     rate: float | None = None
@@ -54,6 +56,7 @@ class InputFormat:
     topic_selection: TopicSelection = SELECT_BY_TYPE
     zeros: Mapping[str, float] = field(default_factory=dict)
     scales: Mapping[str, float] = field(default_factory=dict)
+    used_channels: tuple[str, ...] = IMU_CHANNELS
 
     def si_factors(self) -> dict[str, float]:
         """Return the factors to SI of "gyro" and "accel" given by `units`. Raises InputError if unknown."""
@@ -89,20 +92,31 @@ def recording_from_numbers(
     source: name for errors. is_si: True if columns without a unit are in SI units. Raises InputError if
     columns, rate or unit are neither in the table nor in `input_format`.
     """
+    instances = instance_rows(numbers.names, numbers.values)
+    if len(instances) > 1 and not input_format.columns:
+        parts = {
+            f"{node}_{number}": recording_from_numbers(
+                source, node, replace(numbers, values=numbers.values[rows]), input_format, is_si=is_si
+            )
+            for number, rows in instances.items()
+        }
+        nodes = {name: part.nodes[node] for name, part in parts.items()}
+        return Recording(nodes, warnings=next(iter(parts.values())).warnings)
     columns = _assign_columns(source, numbers, input_format)
     is_si = is_si and not input_format.columns
     t, t_zero_ns = _read_times(source, numbers, columns, input_format)
     table: dict[str, Array] = {"t": t}
+    factors = _channel_factors(source, numbers, columns, input_format, is_si)
     for index, column in enumerate(columns):
         values = numbers.values[:, index]
-        if column.name in IMU_CHANNELS:
-            factor = _channel_factor(source, numbers, column, input_format, is_si)
-            table[column.name] = input_format.apply_zero_and_scale(column.name, values) * factor
+        if column.name in factors:
+            values = input_format.apply_zero_and_scale(column.name, values)
+            table[column.name] = values * factors[column.name]
         elif column.name in NODE_OPTIONAL_COLUMNS:
             table[column.name] = values
+    left_out = [column.heading for column in columns if column.heading and column.name not in ("t", *table)]
     for name in IMU_CHANNELS:
         table.setdefault(name, np.full(len(t), np.nan))
-    left_out = [column.heading for column in columns if not column.name and column.heading]
     warnings = (f"{source}: left out: {format_names(left_out)}",) if left_out else ()
     return Recording({node: Table(table)}, warnings=warnings, t_zero_ns=t_zero_ns)
 
@@ -136,7 +150,7 @@ def _assign_columns(source: str, numbers: NumberTable, input_format: InputFormat
             _column_of_user(name, heading)
             for name, heading in zip(input_format.columns, headings, strict=True)
         ]
-    columns = [parse_heading(heading) for heading in headings]
+    columns = apply_foreign_format([parse_heading(heading) for heading in headings], source)
     if any(column.name in IMU_CHANNELS for column in columns):
         return _without_repetitions(source, columns)
     if width == 1:
@@ -171,6 +185,7 @@ def _without_repetitions(source: str, columns: Sequence[NamedColumn]) -> list[Na
     Raises InputError for a channel that appears twice.
     """
     times = [index for index, column in enumerate(columns) if column.name == "t"]
+    times = [k for k in times if columns[k].unit in ("", *TIME_UNITS_S)] or times
     used = next((index for index in times if columns[index].unit == "s"), times[0] if times else None)
     with_one_time = [
         column if column.name != "t" or index == used else NamedColumn("", "", "")
@@ -190,7 +205,11 @@ def _read_times(
     index = next((k for k, column in enumerate(columns) if column.name == "t"), None)
     if index is None:
         if input_format.rate is None:
-            raise InputError(f"{source}: has no time column; give its samples per second with --rate")
+            names = f" among {format_names(numbers.names)}" if numbers.names else ""
+            raise InputError(
+                f"{source}: has no time column{names}; give its samples per second with --rate"
+                + (", or name the time with --columns t,..." if numbers.names else "")
+            )
         return np.arange(len(numbers.values)) / input_format.rate, 0
     column, values = columns[index], numbers.values[:, index]
     if input_format.rate is not None:
@@ -216,26 +235,34 @@ def _read_times(
     return t, t_zero * NS_PER_S
 
 
-def _channel_factor(
-    source: str, numbers: NumberTable, column: NamedColumn, input_format: InputFormat, is_si: bool
-) -> float:
-    """Return the factor to SI of a channel."""
+def _channel_factors(
+    source: str, numbers: NumberTable, columns: Sequence[NamedColumn], input_format: InputFormat, is_si: bool
+) -> dict[str, float]:
+    """Return the factor to SI of each channel; those without a unit are left out if they are not used."""
     stated = input_format.si_factors()
-    sensor = "gyro" if column.name[0] == "g" else "accel"
-    if sensor in stated:
-        return stated[sensor]
-    unit = column.unit or numbers.units.get(column.heading.partition("[")[0], "")
-    if unit:
-        try:
-            unit_sensor, factor = si_factor(unit)
-        except InputError:
-            unit_sensor = ""
-        if unit_sensor == sensor:
-            return factor
-    if is_si:
-        return 1.0
-    known = "rad/s, deg/s, mdeg/s, deg/h" if sensor == "gyro" else "m/s^2, g, mg"
-    raise InputError(
-        f"{source}: the unit of {column.name} is missing; give --unit with one of {known}, or the "
-        "value of one count, as in --unit '0.00875 deg/s'"
+    factors, missing = {}, []
+    for column in (column for column in columns if column.name in IMU_CHANNELS):
+        sensor = "gyro" if column.name[0] == "g" else "accel"
+        unit = column.unit or numbers.units.get(column.heading.partition("[")[0], "")
+        if sensor in stated:
+            factors[column.name] = stated[sensor]
+        elif sensor_of_unit(unit) == sensor[0]:
+            factors[column.name] = si_factor(unit)[1]
+        elif is_si:
+            factors[column.name] = 1.0
+        elif column.name in input_format.used_channels:
+            missing.append(column.name)
+    if missing:
+        raise InputError(f"{source}: {_describe_missing_units(missing)}")
+    return factors
+
+
+def _describe_missing_units(channels: Sequence[str]) -> str:
+    """Return what to state for the channels without a unit, both sensors at once."""
+    examples = {"g": "--unit with one of rad/s, deg/s, mdeg/s, deg/h", "a": "--unit with one of m/s^2, g, mg"}
+    sensors = [letter for letter in examples if any(name[0] == letter for name in channels)]
+    return (
+        f"the unit of {', '.join(channels)} is missing; give "
+        + " and ".join(examples[letter] for letter in sensors)
+        + ", or the value of one count, as in --unit '0.00875 deg/s'"
     )

@@ -1,14 +1,18 @@
 """Read numbers in rows of text, gzipped or not, within the memory limit.
 
-Decimal commas, dates in ISO 8601 and a row of units below the header are recognised by the first rows.
+Decimal commas, dates in ISO 8601, a row of units below the header, lines of text above it and a header that
+is marked as a comment are recognised by the first rows.
 """
 
 from __future__ import annotations
 
+import codecs
 import gzip
 import io
+import itertools
+import re
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -19,13 +23,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.errors import InputError
-from hubodo.log.column_names import is_unit
+from hubodo.log.column_names import is_unit, parse_heading
 from hubodo.log.input_limits import READ_BLOCK_BYTES, MemoryBudget, open_regular
 
 _GZIP_MAGIC = b"\x1f\x8b"
 _DELIMITERS = (";", "\t", ",")
 """A comma may be a decimal comma where a row has another delimiter."""
 _EPOCH, _MICROSECOND = datetime(1970, 1, 1, tzinfo=UTC), timedelta(microseconds=1)
+_COMMENT_MARKS = "#%"
+_COMMENT_STARTS = (*_COMMENT_MARKS, "//")
+_MAX_PREAMBLE_ROWS = 40  # rows of text above a header, its units and the first numbers
+_HEAD_BYTES = 4096
 _MAX_ROW_CHARS = 1 << 20  # a longer row does not consist of numbers
 _BYTES_PER_CELL = 16  # a float64, and its copy while numpy joins blocks of rows
 NumberedRow = tuple[int, str]
@@ -39,6 +47,7 @@ class _TextFormat:
     delimiter: None for white space. names: names of the columns, or empty. first_row: number of the first row
     of data.
     decimal_comma: True for numbers such as 0,5. dates: indices of columns with dates in ISO 8601.
+    texts: indices of columns with words, such as the name of a frame, which become NaN.
     """
 
     delimiter: str | None
@@ -47,6 +56,7 @@ class _TextFormat:
     first_row: int
     decimal_comma: bool = False
     dates: tuple[int, ...] = ()
+    texts: tuple[int, ...] = ()
 
     def cells(self, row: str) -> list[str]:
         """Return the cells of a row with decimal points, and dates as seconds since 1970 in UTC."""
@@ -54,6 +64,9 @@ class _TextFormat:
         for column in self.dates:
             if column < len(cells):
                 cells[column] = _seconds_of_date(cells[column])
+        for column in self.texts:
+            if column < len(cells):
+                cells[column] = "nan"
         return [cell.replace(",", ".") for cell in cells] if self.decimal_comma else cells
 
 
@@ -70,7 +83,7 @@ def read_text_table(path: Path) -> tuple[NDArray[np.float64], tuple[str, ...]]:
         _claim_table(path, text_format.width)
         rows = (text for _, text in _iterate_rows(path, text_format.first_row))
         delimiter = text_format.delimiter
-        if text_format.decimal_comma or text_format.dates:
+        if text_format.decimal_comma or text_format.dates or text_format.texts:
             rows, delimiter = (" ".join(text_format.cells(text)) for text in rows), None
         try:
             values = np.loadtxt(rows, delimiter=delimiter, ndmin=2, comments=None)
@@ -95,28 +108,57 @@ def _claim_table(path: Path, width: int) -> None:
 
 
 def _detect_format(path: Path) -> _TextFormat:
-    rows = _iterate_rows(path)
-    number, first = next(rows, (0, ""))
-    if not number:
+    rows = list(itertools.islice(_iterate_rows(path), _MAX_PREAMBLE_ROWS))
+    if not rows:
         raise InputError(f"{path}: holds no numbers")
-    delimiter = next((mark for mark in _DELIMITERS if mark in first), None)
+    number, first = rows[0]
+    delimiter = _delimiter(first)
     cells = _split(first, delimiter)
-    if (without_names := _recognise(cells, delimiter, number, ())) is not None:
-        return without_names
-    number, row = next(rows, (0, ""))
-    if not number:
+    names = _commented_names(path, delimiter, len(cells))
+    if (without_header := _recognise(cells, delimiter, number, names)) is not None:
+        return without_header
+    for at in range(len(rows) - 1):
+        if (with_names := _recognise_header(path, rows, at)) is not None:
+            return with_names
+    if len(rows) == 1:
         raise InputError(f"{path}: no row below the header")
-    names, units = tuple(cells), _split(row, delimiter)
-    if len(units) == len(names) and any(units) and all(is_unit(it) and not _is_number(it) for it in units):
+    return _TextFormat(delimiter, len(cells), tuple(cells), rows[1][0])
+
+
+def _recognise_header(path: Path, rows: Sequence[NumberedRow], at: int) -> _TextFormat | None:
+    """Return the format if `rows[at]` is a header, followed by as many numbers or by their units."""
+    delimiter = _delimiter(rows[at][1])
+    names, below = tuple(_split(rows[at][1], delimiter)), _split(rows[at + 1][1], delimiter)
+    if at and (len(names) < 2 or len(names) != len(below)):
+        return None
+    first_row = at + 1
+    if len(below) == len(names) and any(below) and all(is_unit(it) and not _is_number(it) for it in below):
         names = tuple(
             f"{name} ({unit.strip('[]() ')})" if unit.strip("[]()- ") else name
-            for name, unit in zip(names, units, strict=True)
+            for name, unit in zip(names, below, strict=True)
         )
-        number, row = next(rows, (0, ""))
-        if not number:
+        first_row += 1
+        if first_row == len(rows):
             raise InputError(f"{path}: no row below the units")
-    recognised = _recognise(_split(row, delimiter), delimiter, number, names)
-    return recognised or _TextFormat(delimiter, len(names), names, number)
+    number, row = rows[first_row]
+    return _recognise(_split(row, delimiter), delimiter, number, names)
+
+
+def _commented_names(path: Path, delimiter: str | None, width: int) -> tuple[str, ...]:
+    """Return the names of a header that begins with # or %, as of EuRoC and rostopic; () if there is none."""
+    last = ""
+    with _open_text(path) as text:
+        while (line := text.readline(_MAX_ROW_CHARS)) and (
+            not line.strip() or line.strip()[0] in _COMMENT_MARKS
+        ):
+            last = line.strip() or last
+    names = _split(last.lstrip(_COMMENT_MARKS + " "), delimiter)
+    are_names = len(names) == width > 1 and not any(map(_is_number, names))
+    return tuple(names) if are_names and all(names) else ()
+
+
+def _delimiter(row: str) -> str | None:
+    return next((mark for mark in _DELIMITERS if mark in row), None)
 
 
 def _split(row: str, delimiter: str | None) -> list[str]:
@@ -128,13 +170,23 @@ def _recognise(
 ) -> _TextFormat | None:
     """Return the format by the cells of the first row of data; None if they are neither numbers nor dates."""
     dates = tuple(column for column, cell in enumerate(cells) if not _is_number(cell) and _is_date(cell))
-    others = [cell for column, cell in enumerate(cells) if column not in dates]
+    texts = tuple(
+        column
+        for column, (cell, name) in enumerate(zip(cells, names, strict=False))
+        if column not in dates and _is_word(cell) and not parse_heading(name).name
+    )
+    others = [cell for column, cell in enumerate(cells) if column not in (*dates, *texts)]
     decimal_comma = delimiter != "," and not all(_is_number(cell) for cell in others)
     if decimal_comma and not all(_is_number(cell.replace(",", ".", 1)) for cell in others):
         return None
-    if not decimal_comma and not all(_is_number(cell) for cell in others):
+    if len(texts) == len(cells) or not (decimal_comma or all(_is_number(cell) for cell in others)):
         return None
-    return _TextFormat(delimiter, len(names) or len(cells), names, number, decimal_comma, dates)
+    return _TextFormat(delimiter, len(names) or len(cells), names, number, decimal_comma, dates, texts)
+
+
+def _is_word(cell: str) -> bool:
+    """Return True for text such as a name or a date in words, not for a number with a decimal comma."""
+    return not _is_number(cell) and not _is_number(cell.replace(",", ".", 1))
 
 
 def _is_date(cell: str) -> bool:
@@ -157,8 +209,7 @@ def _seconds_of_date(cell: str) -> str:
 
 def _iterate_rows(path: Path, first: int = 1) -> Iterator[NumberedRow]:
     """Yield the rows from number `first` on, without blanks and comments. Raises InputError if not text."""
-    with _open_stream(path) as stream:
-        text = io.TextIOWrapper(stream, "utf-8-sig")
+    with _open_text(path) as text:
         number = 0
         try:
             while line := text.readline(_MAX_ROW_CHARS + 1):
@@ -168,13 +219,32 @@ def _iterate_rows(path: Path, first: int = 1) -> Iterator[NumberedRow]:
                         f"{path}: row {number} is longer than {_MAX_ROW_CHARS} characters; split it"
                     )
                 content = line.strip()
-                if number >= first and content and content[0] not in "#%":
+                if number >= first and content and not content.startswith(_COMMENT_STARTS):
                     yield number, content
         except UnicodeDecodeError:
             raise InputError(
                 f"{path}: row {number + 1} or the rows after it are not UTF-8 text; convert the file, and "
                 "unpack it where it is a compressed file of another kind"
             ) from None
+
+
+@contextmanager
+def _open_text(path: Path) -> Iterator[io.TextIOWrapper]:
+    with _open_stream(path) as stream:
+        encoding = _encoding(stream.peek(_HEAD_BYTES)[:_HEAD_BYTES])
+        yield io.TextIOWrapper(stream, encoding)
+
+
+def _encoding(head: bytes) -> str:
+    """Return the encoding by the first bytes: that of Windows if letters of the header are not UTF-8."""
+    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    header = re.split(rb"[\r\n]+[-+ \t]*\d", head)[0]
+    try:
+        header.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return "utf-8-sig" if b"\0" in head else "cp1252"
+    return "utf-8-sig"
 
 
 @contextmanager

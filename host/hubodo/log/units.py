@@ -36,6 +36,11 @@ _UNIT_ALIASES = {
     "m/s²": "m/s^2",
     "m/s2": "m/s^2",
     "m/s/s": "m/s^2",
+    "rad s^-1": "rad/s",
+    "rad/sec": "rad/s",
+    "deg/sec": "deg/s",
+    "mdps": "mdeg/s",
+    "m s^-2": "m/s^2",
     "µg": "ug",
 }
 
@@ -45,7 +50,8 @@ def si_factor(text: str) -> tuple[str, float]:
 
     Raises InputError for another unit.
     """
-    number, _, unit = text.strip().replace("*", " ").rpartition(" ")
+    plain = text.strip()
+    number, _, unit = _UNIT_ALIASES.get(plain, plain).replace("*", " ").rpartition(" ")
     unit = _UNIT_ALIASES.get(unit, unit)
     try:
         factor = float(number) if number else 1.0
@@ -59,6 +65,14 @@ def si_factor(text: str) -> tuple[str, float]:
         f"--unit {text!r}: give one of {', '.join((*GYRO_UNITS, *ACCEL_UNITS))}; a number before it is the "
         "value of one count, as in '0.00875 deg/s'"
     )
+
+
+def sensor_of_unit(text: str) -> str:
+    """Return "g" for a unit of a gyro, "a" for one of an accelerometer, "" for another text."""
+    try:
+        return si_factor(text)[0][0]
+    except InputError:
+        return ""
 
 
 def explain_suspect_units(gyro: NDArray[np.float64], accel: NDArray[np.float64]) -> str | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 from hubodo.errors import InputError
@@ -124,6 +125,9 @@ def stated_input_format(
         channel_numbers("--zero", args.zero),
         channel_numbers("--scale", args.scale),
     )
+    all_six = getattr(args, "kalibr", None) or getattr(args, "imu_filter", None)
+    if (hasattr(args, "channel") or hasattr(args, "axis")) and not all_six:
+        form = replace(form, used_channels=IMU_CHANNELS[:3] if channel[0] == "g" else IMU_CHANNELS[3:])
     if len(form.si_factors()) < len(form.units):
         raise InputError(
             f"--unit {', '.join(form.units)}: at most one for the gyro and one for the accelerometer"

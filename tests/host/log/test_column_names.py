@@ -27,7 +27,7 @@ DEG = np.pi / 180.0
         ("Acceleration z (m/s^2)", "az", "m/s^2"),
         ("Linear Acceleration z (m/s^2)", "", "m/s^2"),
         ("Temperature (°C)", "temperature", "°C"),
-        ("gyro[0]", "", ""),
+        ("gyro[0]", "gx", ""),
         ("mag_x", "", ""),
         ("x", "", ""),
     ],
