@@ -32,6 +32,9 @@ addresses come before it.
 MAG_DRIVERS = (
     ("drivers.lis3mdl", "LIS3MDL", (0x1E, 0x1C), 0x0F, (0x3D,)),
     ("drivers.qmc5883l", "QMC5883L", (0x0D,), 0x0D, (0xFF,)),
+    ("drivers.mmc5983ma", "MMC5983MA", (0x30,), 0x2F, (0x30,)),
+    ("drivers.akm", "AK09916", (0x0C,), 0x01, (0x09,)),
+    ("drivers.akm", "AK8963", (0x0C,), 0x00, (0x48,)),
 )
 
 _WITHOUT_POWER = (RESET_CAUSE_UNKNOWN, RESET_CAUSE_POWER_ON, RESET_CAUSE_BROWN_OUT)

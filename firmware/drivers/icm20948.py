@@ -5,7 +5,7 @@ words = array("h", bytes(12))
 if chip.read_into(words, 0):
     print(words)  # gyro x, y, z, acceleration x, y, z in steps of chip.gyro_lsb_ndps, chip.accel_lsb_ng
 
-Its magnetometer is a chip of its own behind it and is not used. All that sampling needs is in bank 0; the
+Its magnetometer is a chip of its own on an inner bus, which is connected to the outer one. All that sampling needs is in bank 0; the
 others are selected while the chip is configured, and each second to compare its settings. A processor that is
 reset within that millisecond does not recognise the chip until its power is cycled.
 """
@@ -19,6 +19,7 @@ _WHO_AM_I = const(0x00)
 _USER_CTRL = const(0x03)
 _PWR_MGMT_1 = const(0x06)
 _PWR_MGMT_2 = const(0x07)
+_INT_PIN_CFG = const(0x0F)
 _INT_ENABLE_1 = const(0x11)
 _INT_STATUS_1 = const(0x1A)
 _INT_STATUS_2 = const(0x1B)
@@ -39,6 +40,7 @@ _ACCEL_CONFIG = const(0x14)
 _DEVICE_RESET = const(0x80)
 _BEST_CLOCK = const(0x01)
 _BANK_2 = const(0x20)
+_BYPASS = const(0x02)
 _LOW_PASS_ON = const(0x01)
 _DATA_READY = const(0x01)
 _FIFO_OVERFLOW = const(0x1F)
@@ -98,6 +100,7 @@ class ICM20948(Chip):
         bank_0 = (
             (_PWR_MGMT_1, _BEST_CLOCK),
             (_PWR_MGMT_2, 0),
+            (_INT_PIN_CFG, _BYPASS),
             (_INT_ENABLE_1, _DATA_READY),
             (_FIFO_EN_2, _ACCEL_AND_GYRO if self.uses_fifo else 0),
         )

@@ -1,6 +1,6 @@
 """MPU-6500, MPU-9250 and MPU-9255: an MPU-6050 with half of its FIFO, another thermometer (InvenSense).
 
-The magnetometer of an MPU-9250 is a chip of its own behind the MPU and is not used.
+The magnetometer of an MPU-9250 is a chip of its own on an inner bus, which is connected to the outer one.
 """
 
 from micropython import const
@@ -9,6 +9,9 @@ from wire import PART_MPU6500
 from drivers.mpu6050 import MPU6050
 
 _ACCEL_CONFIG_2 = const(0x1D)
+_INT_PIN_CFG = const(0x37)
+
+_BYPASS = const(0x02)
 
 
 class MPU9250(MPU6050):
@@ -23,5 +26,5 @@ class MPU9250(MPU6050):
     TEMPERATURE = (2995, 21000000)
 
     def _more_settings(self, low_pass):
-        """Return the low-pass of the accelerometer, which CONFIG does not set here."""
-        return ((_ACCEL_CONFIG_2, low_pass),)
+        """Return the low-pass of the accelerometer, which CONFIG does not set here, and the switch of the buses."""
+        return ((_ACCEL_CONFIG_2, low_pass), (_INT_PIN_CFG, _BYPASS))

@@ -6,8 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from chip_search import MAG_DRIVERS, search
+from drivers.akm import AK09916, AK8963
+from drivers.icm20948 import ICM20948
 from drivers.lis3mdl import LIS3MDL
 from drivers.lsm6ds33 import LSM6DS33
+from drivers.mmc5983ma import MMC5983MA
 from drivers.mpu6050 import MPU6050
 from drivers.mpu9250 import MPU9250
 from drivers.nrf24 import Nrf24
@@ -15,10 +18,12 @@ from drivers.qmc5883l import QMC5883L
 from emulated_bus import EmulatedBus
 
 from fakes.fake_port import PORT_TICKS
+from hubodo.emulator.chips.icm20948 import Icm20948
 from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.chips.lis3mdl import Lis3mdl
 from hubodo.emulator.chips.lsm6ds33 import Lsm6ds33
-from hubodo.emulator.chips.mpu6050 import Mpu6050, Mpu6500
+from hubodo.emulator.chips.mmc5983ma import Mmc5983ma
+from hubodo.emulator.chips.mpu6050 import Mpu6050, Mpu6500, Mpu9250
 from hubodo.emulator.chips.qmc5883l import Qmc5883l
 from hubodo.emulator.motion import StillMotion
 from hubowire.messages import Part
@@ -123,19 +128,82 @@ def test_the_qmc5883l_is_recognised_and_reads_all_axes_at_its_rate(gauss, per_ga
     driver, address, who_am_i = search(bus, MAG_DRIVERS, chips)
     assert (driver, address, who_am_i, chips) == (QMC5883L, 0x0D, 0xFF, [])
     chip = driver(bus, address, odr_hz=rate_hz, range_gauss=gauss)
-    words, samples = array("h", bytes(10)), 0
+    words = array("h", bytes(10))
     assert chip.read_into(words, 1) == 0 and chip.intact()
-    start_us = PORT_TICKS.now_us
-    while PORT_TICKS.now_us < start_us + 1_000_000:
-        samples += chip.read_into(words, 1)
-        PORT_TICKS.now_us += 1000
-    assert samples == pytest.approx(rate_hz, abs=1)
+    assert count_samples(chip, words) == pytest.approx(rate_hz, abs=1)
     assert words.tolist() == [0, *(pytest.approx(tesla * 1e4 * per_gauss, abs=0.51) for tesla in field), 0]
     assert chip.lsb_ft == pytest.approx(1e11 / per_gauss, rel=1e-7)
     bus.writeto_mem(address, 0x0A, b"\x80")
     assert not chip.intact(), "a reset is noticed"
     chip.configure()
     assert chip.intact()
+
+
+@pytest.mark.parametrize("rate_hz", [10, 20, 50, 100, 200])
+def test_the_mmc5983ma_is_recognised_and_reads_all_axes_at_its_rate(rate_hz):
+    """The steps per gauss are those of Memsic's data sheet, revision A, with 16 bits."""
+    field, chips = (21e-6, -4e-6, -43e-6), []
+    silicon = Mmc5983ma(StillMotion(field_tesla=field), Specimen(strict=True))
+    bus = EmulatedBus(silicon)
+    driver, address, who_am_i = search(bus, MAG_DRIVERS, chips)
+    assert (driver, address, who_am_i, chips) == (MMC5983MA, 0x30, 0x30, [])
+    chip = driver(bus, address, odr_hz=rate_hz)
+    words = array("h", bytes(10))
+    assert chip.read_into(words, 1) == 0 and chip.intact()
+    assert count_samples(chip, words) == pytest.approx(rate_hz, abs=1)
+    assert words.tolist() == [0, *(pytest.approx(tesla * 1e4 * 4096, abs=0.51) for tesla in field), 0]
+    assert chip.lsb_ft == pytest.approx(1e11 / 4096, rel=1e-7)
+    assert not silicon.anomalies
+
+
+INNER_MAGS = {"icm20948": (Icm20948, ICM20948, AK09916, 0x09), "mpu9250": (Mpu9250, MPU9250, AK8963, 0x48)}
+
+
+def inner_magnetometer(imu, field):
+    """Return the emulated IMU, its bus and the magnetometer's driver, with the IMU configured."""
+    silicon, imu_driver, mag_driver, _ = INNER_MAGS[imu]
+    part = silicon(StillMotion(field_tesla=field), Specimen(strict=True))
+    bus = EmulatedBus(part)
+    assert search(bus, MAG_DRIVERS, []) is None, "an inner bus is not connected at power-on"
+    imu_driver(bus)
+    return part, bus, mag_driver
+
+
+@pytest.mark.parametrize(
+    "imu, rate_hz", [("icm20948", 10), ("icm20948", 100), ("mpu9250", 8), ("mpu9250", 100)]
+)
+def test_an_inner_magnetometer_reads_the_field_in_the_axes_of_its_imu(imu, rate_hz):
+    field, chips = (21e-6, -4e-6, -43e-6), []
+    part, bus, mag_driver = inner_magnetometer(imu, field)
+    driver, address, who_am_i = search(bus, MAG_DRIVERS, chips)
+    assert (driver, address, who_am_i, chips) == (mag_driver, 0x0C, INNER_MAGS[imu][3], [])
+    chip = driver(bus, address, odr_hz=rate_hz)
+    words = array("h", bytes(10))
+    assert chip.read_into(words, 1) == 0 and chip.intact()
+    assert count_samples(chip, words) == pytest.approx(rate_hz, abs=1)
+    # Half a step of the chip, and one of the adjusted sensitivity.
+    assert words.tolist() == [0, *(pytest.approx(tesla / 0.15e-6, abs=1.6) for tesla in field), 0]
+    assert chip.lsb_ft == 150_000_000
+    assert not part.magnetometer.anomalies
+    part.magnetometer.power_on(bus.t)
+    assert not chip.intact(), "a reset is noticed"
+    chip.configure()
+    assert chip.intact() and count_samples(chip, words) > 0
+
+
+@pytest.mark.parametrize("imu", INNER_MAGS)
+def test_a_field_beyond_the_range_of_an_inner_magnetometer_is_no_sample(imu):
+    _, bus, mag_driver = inner_magnetometer(imu, (0.0, 0.0, -6e-3))
+    assert count_samples(mag_driver(bus, odr_hz=100), array("h", bytes(10))) == 0
+
+
+def count_samples(chip, words):
+    """Return the number of samples that words[1:4] receives in a second."""
+    samples, end_us = 0, PORT_TICKS.now_us + 1_000_000
+    while PORT_TICKS.now_us < end_us:
+        samples += chip.read_into(words, 1)
+        PORT_TICKS.now_us += 1000
+    return samples
 
 
 class EmulatedNrf24:

@@ -12,6 +12,7 @@ from hubodo.emulator.chips.imu import Imu, Specimen
 from hubodo.emulator.chips.lis3mdl import Lis3mdl
 from hubodo.emulator.chips.lsm6ds33 import Lsm6ds33
 from hubodo.emulator.chips.lsm6dso import Lsm6dso, Lsm6dsr
+from hubodo.emulator.chips.mmc5983ma import Mmc5983ma
 from hubodo.emulator.chips.mpu6050 import Mpu6050, Mpu6500, Mpu9250
 from hubodo.emulator.chips.qmc5883l import Qmc5883l
 from hubodo.emulator.motion import Motion
@@ -50,4 +51,8 @@ def imu_by_name(name: str) -> ImuKind:
     )
 
 
-MAG_CHIPS: dict[str, type[Lis3mdl | Qmc5883l]] = {"lis3mdl": Lis3mdl, "qmc5883l": Qmc5883l}
+MAG_CHIPS: dict[str, type[Lis3mdl | Qmc5883l | Mmc5983ma]] = {
+    "lis3mdl": Lis3mdl,
+    "qmc5883l": Qmc5883l,
+    "mmc5983ma": Mmc5983ma,
+}

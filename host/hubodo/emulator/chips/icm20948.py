@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from hubodo.arrays import Array
+from hubodo.emulator.chips.akm import Ak09916
 from hubodo.emulator.chips.banks import BankedImu
 from hubodo.emulator.chips.imu import Specimen, accel_per_lsb, rad_per_lsb
 from hubodo.emulator.chips.registers import Register
@@ -10,7 +11,7 @@ from hubodo.emulator.chips.sampling import RawWords, quantise
 from hubodo.emulator.motion import Motion
 
 WHO_AM_I, USER_CTRL, LP_CONFIG, PWR_MGMT_1, PWR_MGMT_2 = 0x00, 0x03, 0x05, 0x06, 0x07
-INT_STATUS_1, INT_STATUS_2, OUT = 0x1A, 0x1B, 0x2D
+INT_PIN_CFG, INT_STATUS_1, INT_STATUS_2, OUT = 0x0F, 0x1A, 0x1B, 0x2D
 FIFO_EN_2, FIFO_RST, FIFO_COUNTH, FIFO_COUNTL, FIFO_R_W, REG_BANK_SEL = 0x67, 0x68, 0x70, 0x71, 0x72, 0x7F
 _BANK_2 = 2 << 7
 GYRO_SMPLRT_DIV, GYRO_CONFIG_1, ODR_ALIGN_EN = _BANK_2, _BANK_2 | 0x01, _BANK_2 | 0x09
@@ -20,6 +21,7 @@ FIFO_BYTES, BASE_HZ = 512, 1125.0
 GYRO_RANGE_DPS, ACCEL_RANGE_G = (250.0, 500.0, 1000.0, 2000.0), (2.0, 4.0, 8.0, 16.0)
 LSB_PER_DEGREE, DEGREES_AT_ZERO = 333.87, 21.0
 _DEVICE_RESET, _SLEEP, _DATA_READY, _OVERFLOW, _FIFO_ON, _ALL_AXES = 0x80, 0x40, 0x01, 0x01, 0x40, 0x1E
+_BYPASS, _MASTER_ON = 0x02, 0x20
 
 REGISTERS: dict[int, Register] = {
     WHO_AM_I: Register("WHO_AM_I"),
@@ -27,7 +29,7 @@ REGISTERS: dict[int, Register] = {
     LP_CONFIG: Register("LP_CONFIG", 0x40, 0x70),
     PWR_MGMT_1: Register("PWR_MGMT_1", 0x41, 0xEF),
     PWR_MGMT_2: Register("PWR_MGMT_2", 0x00, 0x3F),
-    0x0F: Register("INT_PIN_CFG", 0x00, 0xFE),
+    INT_PIN_CFG: Register("INT_PIN_CFG", 0x00, 0xFE),
     0x10: Register("INT_ENABLE", 0x00, 0x8F),
     0x11: Register("INT_ENABLE_1", 0x00, 0x01),
     INT_STATUS_1: Register("INT_STATUS_1"),
@@ -54,7 +56,7 @@ REGISTERS: dict[int, Register] = {
 class Icm20948(BankedImu):
     """An ICM-20948 that is moved by `motion`.
 
-    Register map and formulas: TDK DS-000189. Not modelled: magnetometer, DMP, filters, low-power modes, and
+    Register map and formulas: TDK DS-000189. Not modelled: DMP, filters, low-power modes, and
     different rates of the two sensors, which count as an anomaly.
     """
 
@@ -67,7 +69,12 @@ class Icm20948(BankedImu):
         self._fifo = bytearray()
         self._interrupts = [0, 0]
         self._count_latch = 0
+        self.magnetometer = Ak09916(motion, specimen, self._connects_buses)
+        self.companions = (self.magnetometer,)
         super().__init__(motion, specimen, address, REGISTERS, (WHO_AM_I, specimen.who_am_i or 0xEA))
+
+    def _connects_buses(self) -> bool:
+        return bool(self.values[INT_PIN_CFG] & _BYPASS and not self.values[USER_CTRL] & _MASTER_ON)
 
     def temperature_word(self, degrees: Array) -> RawWords:
         """Return temperature words, 333.87 LSB/°C and 0 at 21 °C."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from hubodo.arrays import Array
+from hubodo.emulator.chips.akm import Ak8963
 from hubodo.emulator.chips.imu import Imu, Specimen, accel_per_lsb, rad_per_lsb
 from hubodo.emulator.chips.registers import Register
 from hubodo.emulator.chips.sampling import RawWords, quantise
@@ -19,6 +20,7 @@ _DEVICE_RESET, _SLEEP = 0x80, 0x40
 _FIFO_ENABLE, _FIFO_RESET = 0x40, 0x04
 _INT_DATA_READY, _INT_FIFO_OVERFLOW = 0x01, 0x10
 _FIFO_EN_ACCEL, _FIFO_EN_TEMPERATURE, _FIFO_EN_GYRO = 0x08, 0x80, (0x40, 0x20, 0x10)
+_BYPASS, _MASTER_ON = 0x02, 0x20
 
 _COMMON_REGISTERS: dict[int, Register] = {
     0x00: Register("RESERVED"),
@@ -220,7 +222,15 @@ class Mpu6500(Mpu6050):
 
 
 class Mpu9250(Mpu6500):
-    """An MPU-9250 without its magnetometer, which is a chip of its own behind it."""
+    """An MPU-9250: an MPU-6500 with an AK8963 on an inner bus."""
 
     chip_name = "mpu9250"
     IDENTITY = 0x71
+
+    def __init__(self, motion: Motion, specimen: Specimen | None = None, *, address: int = 0x68) -> None:
+        self.magnetometer = Ak8963(motion, specimen, self._connects_buses)
+        self.companions = (self.magnetometer,)
+        super().__init__(motion, specimen, address=address)
+
+    def _connects_buses(self) -> bool:
+        return bool(self.values[INT_PIN_CFG] & _BYPASS and not self.values[USER_CTRL] & _MASTER_ON)

@@ -24,5 +24,10 @@ IMU_BY_WHO_AM_I = {
 }
 """Chips by WHO_AM_I, without a code of their own in `Part`, which is part of the wire format."""
 
-MAG_BY_IDENTITY = {(0x0D, 0xFF): "QMC5883L"}
+MAG_BY_IDENTITY = {
+    (0x0D, 0xFF): "QMC5883L",
+    (0x30, 0x30): "MMC5983MA",
+    (0x0C, 0x09): "AK09916",
+    (0x0C, 0x48): "AK8963",
+}
 """Magnetometers by address and identity."""
