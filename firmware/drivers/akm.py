@@ -26,7 +26,7 @@ class AK09916(Chip):
     """Driver of the AK09916. Raises ValueError for a setting outside the tables, OSError without the chip."""
 
     PART = 0
-    RATES_HZ = ((10, 0x02), (20, 0x04), (50, 0x06), (100, 0x08))
+    RATES_HZ: tuple = ((10, 0x02), (20, 0x04), (50, 0x06), (100, 0x08))
     # (public value, scale in 1e-15 T per step)
     RANGES_GAUSS = ((49, 150000000),)
     WHO_AM_I_REGISTER = 0x01
@@ -69,7 +69,7 @@ class AK09916(Chip):
 
 
 class AK8963(AK09916):
-    """Driver of the AK8963, whose factory measurement of the sensitivity of each axis corrects its samples."""
+    """Driver of the AK8963, whose samples are corrected for the sensitivity of each axis."""
 
     RATES_HZ = ((8, 0x12), (100, 0x16))
     WHO_AM_I_REGISTER = 0x00

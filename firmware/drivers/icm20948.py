@@ -5,9 +5,9 @@ words = array("h", bytes(12))
 if chip.read_into(words, 0):
     print(words)  # gyro x, y, z, acceleration x, y, z in steps of chip.gyro_lsb_ndps, chip.accel_lsb_ng
 
-Its magnetometer is a chip of its own on an inner bus, which is connected to the outer one. All that sampling needs is in bank 0; the
-others are selected while the chip is configured, and each second to compare its settings. A processor that is
-reset within that millisecond does not recognise the chip until its power is cycled.
+Its magnetometer is a chip of its own on an inner bus, which is connected to the outer one. All that sampling
+needs is in bank 0; the others are selected while the chip is configured, and each second to compare its
+settings. A processor that is reset within that millisecond does not recognise the chip until its power is cycled.
 """
 
 from micropython import const

@@ -26,5 +26,5 @@ class MPU9250(MPU6050):
     TEMPERATURE = (2995, 21000000)
 
     def _more_settings(self, low_pass):
-        """Return the low-pass of the accelerometer, which CONFIG does not set here, and the switch of the buses."""
+        """Return the low-pass of the accelerometer and the connection of the two buses."""
         return ((_ACCEL_CONFIG_2, low_pass), (_INT_PIN_CFG, _BYPASS))

@@ -114,7 +114,7 @@ class InnerMagnetometer(Magnetometer):
 
 
 class Ak09916(InnerMagnetometer):
-    """The AK09916 of an ICM-20948 (TDK DS-000189, chapter 13); its x axis is that of the IMU, y and z are opposite."""
+    """The AK09916 of an ICM-20948 (TDK DS-000189): x is that of the IMU, y and z are opposite."""
 
     IDENTITY = (0x01, 0x09)
     STATUS, LAST, MODE, RESET = 0x10, 0x18, 0x31, 0x32
@@ -133,7 +133,7 @@ class Ak09916(InnerMagnetometer):
 
 
 class Ak8963(InnerMagnetometer):
-    """The AK8963 of an MPU-9250 (RM-MPU-9250A, chapter 5): x and y exchanged, z opposite, adjusted sensitivity."""
+    """The AK8963 of an MPU-9250 (RM-MPU-9250A-00): x and y exchanged, z opposite, sensitivity adjusted."""
 
     IDENTITY = (0x00, 0x48)
     STATUS, LAST, MODE, RESET = 0x02, 0x09, 0x0A, 0x0B

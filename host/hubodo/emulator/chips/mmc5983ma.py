@@ -34,8 +34,8 @@ REGISTERS: dict[int, Register] = {
 class Mmc5983ma(Magnetometer):
     """An MMC5983MA in the magnetic field of `motion`, in node axes.
 
-    Register map and codes: Memsic MMC5983MA data sheet, revision A. Not modelled: the offset that set and reset
-    cancel, the two lowest of 18 bits, single measurements.
+    Register map and codes: Memsic MMC5983MA data sheet, revision A. Not modelled: the offset that set and
+    reset cancel, the two lowest of 18 bits, single measurements.
     """
 
     def __init__(self, motion: Motion, specimen: Specimen | None = None, *, address: int = 0x30) -> None:
