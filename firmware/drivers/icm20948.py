@@ -7,7 +7,8 @@ if chip.read_into(words, 0):
 
 Its magnetometer is a chip of its own on an inner bus, which is connected to the outer one. All that sampling
 needs is in bank 0; the others are selected while the chip is configured, and each second to compare its
-settings. A processor that is reset within that millisecond does not recognise the chip until its power is cycled.
+settings. A processor that is reset within that millisecond does not recognise the chip until its power is
+cycled.
 """
 
 from micropython import const
