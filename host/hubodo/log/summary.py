@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,63 +15,17 @@ from hubodo.log import ros2, topics
 from hubodo.log.chunk_reader import ChunkMessages
 from hubodo.log.decode import ChannelDecoder, header_stamps, normalise_type_name, parse_column_names
 from hubodo.log.decoded_log import EVENT_MEMORY_RATIO
-from hubodo.log.gap_causes import LossTotal, explain_gap, last_health_reports, sum_losses
+from hubodo.log.gap_causes import LossTotal, last_health_reports, sum_losses
 from hubodo.log.hubodo_messages import decode_string_message, parse_events
 from hubodo.log.input_limits import MemoryBudget
 from hubodo.log.joints import JointSpeeds
 from hubodo.log.logfile import open_log
 from hubodo.log.roles import SELECT_BY_TYPE, TopicCandidate, TopicSelection, assign_roles
 from hubodo.log.source import MessageSource, Stream, is_hubodo_log
+from hubodo.log.stream_summary import SampleGap, StreamSummary, summarise_stream
 from hubodo.recording import BIAS_FILTER_COLUMNS, Event
 
 Progress = Callable[[str, float], None]
-
-GAP_FACTOR = 1.5
-"""An interval longer than this many median periods is a gap: at least one sample is missing."""
-_ODOMETRY_GAP_FACTOR = 2.5
-"""Gap factor for odometry, whose poses come at the uneven times of two nodes' samples."""
-
-
-@dataclass(frozen=True)
-class SampleGap:
-    """An interval without samples. t: s since t = 0; missing: expected samples in it; cause: description."""
-
-    topic: str
-    t: float
-    duration: float
-    missing: int
-    cause: str
-
-
-@dataclass(frozen=True)
-class StreamSummary:
-    """One topic; times in s, from the header stamp if there is one, else the publish time.
-
-    Attributes
-    ----------
-    first, last : times of the first and last message, since t = 0.
-    period : median interval; jitter: its 1 sigma, without gaps; longest: longest interval.
-    """
-
-    topic: str
-    schema: str
-    messages: int
-    first: float
-    last: float
-    period: float | None
-    jitter: float | None
-    longest: float | None
-    gaps: tuple[SampleGap, ...]
-
-    @property
-    def rate(self) -> float | None:
-        """1 / median period, Hz."""
-        return 1 / self.period if self.period else None
-
-    @property
-    def missing(self) -> int:
-        """Expected samples in the gaps."""
-        return sum(gap.missing for gap in self.gaps)
 
 
 @dataclass(frozen=True)
@@ -162,7 +116,7 @@ def summarise_source(
         streams=tuple(
             sorted(
                 (
-                    _summarise_stream(streams[id].topic, streams[id].schema, t_ns, start, events)
+                    summarise_stream(streams[id].topic, streams[id].schema, t_ns, start, events)
                     for id, (_, t_ns) in contents.times.items()
                 ),
                 key=lambda stream: stream.topic,
@@ -318,44 +272,3 @@ def _last_bias_filter_rows(
                 zip(BIAS_FILTER_COLUMNS, row, strict=True)
             )
     return row_by_node
-
-
-_OCCASIONAL_TYPES = {ros2.TEMPERATURE, ros2.BATTERY}
-"""Types sent occasionally: a period is reported, but no gaps."""
-_SAMPLED_TYPES = (ros2.STAMPED_TYPES - _OCCASIONAL_TYPES) | {ros2.FLOAT64_ARRAY}
-
-
-def _summarise_stream(
-    topic: str, schema: str, publish_ns: NDArray[np.int64], start: int, events: Iterable[Event]
-) -> StreamSummary:
-    t_ns = np.sort(publish_ns)
-    periods = np.diff(t_ns) / 1e9
-    # Events and raw frames are irregular; only sampled streams have a period.
-    factor = _ODOMETRY_GAP_FACTOR if normalise_type_name(schema) == ros2.ODOMETRY else GAP_FACTOR
-    sampled = normalise_type_name(schema) in _SAMPLED_TYPES | _OCCASIONAL_TYPES
-    period = float(np.median(periods)) if len(periods) and sampled else None
-    regular = periods[periods <= factor * period] if period is not None else periods
-    gaps: tuple[SampleGap, ...] = ()
-    if period and normalise_type_name(schema) in _SAMPLED_TYPES:
-        gap_rows = np.flatnonzero(periods > factor * period)
-        gaps = tuple(
-            SampleGap(
-                topic,
-                (int(t_ns[i]) - start) / 1e9,
-                float(periods[i]),
-                max(1, round(float(periods[i]) / period) - 1),
-                explain_gap(topic, int(t_ns[i]), int(t_ns[i + 1]), events),
-            )
-            for i in gap_rows.tolist()
-        )
-    return StreamSummary(
-        topic=topic,
-        schema=schema,
-        messages=len(t_ns),
-        first=(int(t_ns[0]) - start) / 1e9,
-        last=(int(t_ns[-1]) - start) / 1e9,
-        period=period,
-        jitter=float(np.sqrt(np.mean((regular - period) ** 2))) if period is not None else None,
-        longest=float(periods.max()) if period is not None else None,
-        gaps=gaps,
-    )

@@ -19,7 +19,8 @@ from hubodo.errors import HubodoError
 from hubodo.fuse.mounting_speed import MountingSpeed, mounting_speeds
 from hubodo.ingest.node.bias_filter import describe_filter_row
 from hubodo.log.any_log import open_as_mcap, open_source
-from hubodo.log.summary import SampleGap, StreamSummary, Summary, summarise, summarise_source
+from hubodo.log.stream_summary import SampleGap, StreamSummary
+from hubodo.log.summary import Summary, summarise, summarise_source
 from hubodo.progress import progress_line
 from hubodo.verbs.info_lines import health_line, metadata_lines, node_lines
 from hubodo.verbs.log_options import (

@@ -94,12 +94,13 @@ def _link_status(link: LinkSession) -> LinkStatus:
 
 
 def _node_status(node: NodeSession, now_ns: int) -> NodeStatus:
-    counts, clock, health, newest = node.decoder.counts, node.clock.estimate(), node.health, node.newest_block
+    counts, clock, health = node.decoder.counts, node.clock.estimate(), node.health
+    newest = node.samples.newest_block
     return NodeStatus(
         node.name,
         node.link,
         node.node_id,
-        node.rate(now_ns),
+        node.samples.rate(now_ns),
         (now_ns - node.last_frame_ns) / NS_PER_S,
         counts.frames,
         counts.frames_lost,

@@ -9,16 +9,14 @@ from typing import assert_never
 
 import numpy as np
 
-from hubodo.ingest.node.bias_filter import filter_report_columns
 from hubodo.ingest.node.clock import ClockSync
 from hubodo.ingest.node.clock_exchanges import ClockExchanges
 from hubodo.ingest.node.decoder import DecoderOutput
 from hubodo.ingest.node.gaps import GapGroup, LinkCounts
-from hubodo.ingest.node.health import SupplyHistory, read_supply
 from hubodo.ingest.node.identity import hello_metadata
 from hubodo.ingest.node.imu_noise import sample_noise
-from hubodo.ingest.node.life_events import final_clock_event, final_health_event, power_on_event
-from hubodo.ingest.node.log_times import LogTimeSequence, RateWindow
+from hubodo.ingest.node.life_events import final_clock_event, final_health_event
+from hubodo.ingest.node.log_times import LogTimeSequence
 from hubodo.ingest.node.node_frames import NodeFrames
 from hubodo.ingest.node.outputs import (
     AnswerReceived,
@@ -32,19 +30,15 @@ from hubodo.ingest.node.outputs import (
 )
 from hubodo.ingest.node.request_encoder import RequestEncoder
 from hubodo.ingest.node.run_decoder import RunDecoder
-from hubodo.ingest.node.slewed_times import SlewedTimes
+from hubodo.ingest.node.sample_publisher import SamplePublisher
 from hubodo.ingest.node.user_requests import OnOutcome, SendBytes, UserRequests, ignore_outcome
 from hubodo.log.records import (
-    Battery,
-    BiasFilterRow,
     ClockRequest,
     Columns,
     EventRecord,
     ImuBlock,
     ImuNoise,
     ImuRun,
-    LogRecord,
-    MagneticField,
     Metadata,
     Sink,
 )
@@ -54,29 +48,18 @@ from hubowire import FINGERPRINT, Frame, Message, node_name
 from hubowire.messages import (
     GetHello,
     Health,
-    Hello,
-    ResetCause,
     Signal,
     Start,
     TimeRequest,
     wire_fields,
 )
 
-_MAX_CLOCK_WAIT_NS = NS_PER_S // 2  # samples are held for the first clock replies
-_MIN_CLOCK_REPLIES = 6  # a single reply may be late by a scheduling delay of a busy host
 _HELLO_INTERVAL_NS = NS_PER_S // 2
 _START_DELAY_NS = 2 * NS_PER_S
 
-_REPORTS: tuple[type, ...] = (MagSample, BiasFilterReport, HealthReceived)
-TimedOutput = ImuBlock | MagSample | BiasFilterReport | HealthReceived  # logged at the time of measurement
-
 
 class NodeSession:
-    """One node: its frames are decoded to log records, and its clock is synchronised.
-
-    Samples are held for up to 0.5 s after a start until the node has answered some clock requests, so that
-    the first samples do not get host times that would have to be corrected.
-    """
+    """One node: its frames are decoded to log records, and its clock is synchronised."""
 
     def __init__(
         self,
@@ -102,31 +85,20 @@ class NodeSession:
         self.received_signals: list[Signal] = []
         """For a radio receiver: its reports about nodes that the recorder has not forwarded yet."""
         self.filter_report: BiasFilterReport | None = None
-        self.newest_block: ImuBlock | None = None
         self.gaps: dict[str, int] = {}  # number by cause
         self.notices: list[Event] = []  # for the user; removed by the recorder once shown
         self.last_frame_ns = 0
-        self.span_ns: list[int] = []  # first and newest published sample time
-        self.power_on_ns: int | None = None
-        self._order = order
-        self._unlogged_boot: Hello | None = None  # Hello of a boot of which no sample was published yet
+        self.samples = SamplePublisher(name, self.clock, sink, order)
         self._boot_id: int | None = None
-        self._start_event: Event | None = None
         self._send = send
         self._sink = sink
         self._now_ns = now_ns
-        self._imu_times = SlewedTimes(self.clock)
-        self._report_times = {kind: SlewedTimes(self.clock) for kind in _REPORTS}
-        self._supply_history = SupplyHistory()
-        self._held: list[TimedOutput] = []
-        self._held_since_ns = 0
         self._request_encoder = RequestEncoder(node_id)
         self._user_requests = UserRequests(name, self._request_encoder, send, sink, now_ns)
         self._exchanges = ClockExchanges(node_id, int(clock_period * NS_PER_S))
         self._next_hello_ns = 0
         self._start_request_ns: int | None = None
         self._is_muted = False
-        self._rate_window = RateWindow()
 
     def handle_frame(self, frame: Frame, t_ns: int, link_counts: LinkCounts) -> Iterator[ImuBlock]:
         """Handle a valid frame of this node and yield the samples it completes."""
@@ -153,7 +125,7 @@ class NodeSession:
     def tick(self, now_ns: int) -> Iterator[ImuBlock]:
         """Send due requests and yield the samples that were held long enough for the clock."""
         yield from self._handle_outputs(self.decoder.tick(now_ns))
-        yield from self._release_expired(now_ns)
+        yield from self.samples.release_expired(now_ns)
         if self.decoder.mismatch_text is not None or self._is_muted:
             return
         if self.decoder.wants_hello:
@@ -190,8 +162,8 @@ class NodeSession:
 
     def repeat_state(self, now_ns: int) -> None:
         """Write the start event into a new log and request the Hello, which decoding it requires."""
-        if self._start_event is not None:
-            self._sink.write_record(EventRecord(self._start_event, now_ns))
+        if self.samples.start_event is not None:
+            self._sink.write_record(EventRecord(self.samples.start_event, now_ns))
         if self.decoder.mismatch_text is None and not self._is_muted:
             self._send_message(GetHello())
             self._exchanges.start_burst()
@@ -199,22 +171,15 @@ class NodeSession:
     def close(self, now_ns: int) -> Iterator[ImuBlock]:
         """Write held samples and the final events of the node."""
         yield from self._handle_outputs(self.decoder.close())
-        yield from self._release_held()
+        yield from self.samples.release()
         if self.health is not None:
             self._sink.write_record(EventRecord(final_health_event(self.name, self.health, now_ns)))
         if self.clock.source != "none":
             self._sink.write_record(EventRecord(final_clock_event(self.name, self.clock.estimate(), now_ns)))
 
-    def rate(self, now_ns: int) -> float:
-        """Return the sample rate over the last two seconds, Hz."""
-        return self._rate_window.rate(now_ns)
-
     def mean_rate(self) -> float | None:
         """Return the mean sample rate by sample times, lost samples included, Hz; None before two samples."""
-        counts = self.decoder.counts
-        if not self.span_ns or self.span_ns[1] <= self.span_ns[0]:
-            return None
-        return (counts.samples + counts.samples_lost - 1) / ((self.span_ns[1] - self.span_ns[0]) / NS_PER_S)
+        return self.samples.mean_rate(self.decoder.counts.samples + self.decoder.counts.samples_lost)
 
     def _send_message(self, message: Message) -> None:
         self._send(self._request_encoder.encode_request(message)[1])
@@ -230,12 +195,12 @@ class NodeSession:
                     )
                 case HelloReceived():
                     if output.hello.boot_id != self._boot_id:
-                        self._unlogged_boot, self._boot_id = output.hello, output.hello.boot_id
+                        self.samples.start_boot(output.hello)
+                        self._boot_id = output.hello.boot_id
                     if output.restarted:
-                        yield from self._release_held()
+                        yield from self.samples.restart()
                         self.clock.reset()
                         self._exchanges.clear()
-                        self._held_since_ns = 0
                     self._exchanges.start_burst()
                     self._start_request_ns = output.received_ns + _START_DELAY_NS
                     self._sink.write_record(Metadata(f"node.{self.name}", hello_metadata(output.hello)))
@@ -248,16 +213,16 @@ class NodeSession:
                     for event in output.to_events():
                         self._sink.write_record(EventRecord(self._count_gap(event)))
                 case MagSample():
-                    yield from self._hold_or_publish(output)
+                    yield from self.samples.add(output)
                 case BiasFilterReport():
                     self.filter_report = output
-                    yield from self._hold_or_publish(output)
+                    yield from self.samples.add(output)
                 case TimeReplyReceived():
                     yield from self._handle_time_reply(output)
                 case HealthReceived():
                     self.health = output.health
                     if output.health.battery_mv:
-                        yield from self._hold_or_publish(output)
+                        yield from self.samples.add(output)
                 case AnswerReceived():
                     self._user_requests.handle_answer(output)
                 case SignalReceived():
@@ -273,18 +238,13 @@ class NodeSession:
     def _handle_block(self, block: ImuBlock) -> Iterator[ImuBlock]:
         self._start_request_ns = None
         self.clock.add_arrival(int(block.device_ns[-1]) // 1000, block.received_ns)
-        yield from self._hold_or_publish(block)
+        yield from self.samples.add(block)
 
     def _log_run(self, run: ImuRun) -> Iterator[ImuBlock]:
         """Write a run to the log at once if the clock is synchronised and nothing is held."""
-        if not self._clock_is_known or self._held or self._unlogged_boot is not None:
+        if not self.samples.add_run(run):
             for block in run.split():
                 yield from self._handle_block(block)
-            return
-        t_ns = self._imu_times.to_host_ns(run.device_ns)
-        t_log_ns = self._order.next_times(run.received_ns)
-        self._sink.write_record(replace(run, t_ns=t_ns, t_log_ns=t_log_ns))
-        self.span_ns = [self.span_ns[0] if self.span_ns else int(t_ns[0]), int(t_ns[-1])]
 
     def update_signal(self, signal: Signal) -> Iterator[ImuBlock]:
         """Update with the report of a radio receiver on the same link about this node."""
@@ -310,83 +270,12 @@ class NodeSession:
         sent_ns = self._exchanges.match_reply(reply.token)
         if sent_ns is None:
             return
-        yield from self._release_expired(reply.arrived_ns)
+        yield from self.samples.release_expired(reply.arrived_ns)
         resets = self.clock.resets
         self.clock.add_exchange(sent_ns, reply.received_us, reply.sent_us, reply.arrived_ns)
         if self.clock.resets != resets:
             text = f"{self.name}: the node's clock and the computer's no longer agree; offset estimated again"
             event = Event(reply.arrived_ns, "clock", self.name, text, {"node": self.name})
             self._sink.write_record(EventRecord(event))
-        if self._clock_is_known and self._held:
-            yield from self._release_held()
-
-    @property
-    def _clock_is_known(self) -> bool:
-        return self.clock.exchanges >= _MIN_CLOCK_REPLIES
-
-    def _hold_expired(self, now_ns: int) -> bool:
-        return bool(self._held_since_ns) and now_ns - self._held_since_ns > _MAX_CLOCK_WAIT_NS
-
-    def _release_expired(self, now_ns: int) -> Iterator[ImuBlock]:
-        if self._held and self._hold_expired(now_ns):
-            yield from self._release_held()
-
-    def _hold_or_publish(self, item: TimedOutput) -> Iterator[ImuBlock]:
-        if self._clock_is_known or self._hold_expired(item.received_ns):
-            yield from self._release_held()
-            yield from self._publish(item)
-            return
-        if not self._held_since_ns:
-            self._held_since_ns = item.received_ns
-        self._held.append(item)
-
-    def _release_held(self) -> Iterator[ImuBlock]:
-        held, self._held = self._held, []
-        for item in held:
-            yield from self._publish(item)
-
-    def _log_report(self, report: MagSample | BiasFilterReport | HealthReceived) -> None:
-        """Log a report; one without samples and clock replies before it is dated by its arrival."""
-        if self.clock.source == "none":
-            self.clock.add_arrival(report.device_ns // 1000, report.received_ns)
-        times, log_ns = self._report_times[type(report)], report.received_ns
-        t_ns = times.to_host_ns(np.array([report.device_ns], np.int64))
-        match report:
-            case MagSample():
-                record: LogRecord = MagneticField(self.name, t_ns, log_ns, [report.field])
-            case BiasFilterReport():
-                record = BiasFilterRow(self.name, t_ns, log_ns, filter_report_columns(report))
-            case HealthReceived():
-                volts, charge = read_supply(report.health)
-                record = Battery(self.name, t_ns, log_ns, volts, charge)
-                self._supply_history.add(int(t_ns[0]), volts)
-        self._sink.write_record(record)
-
-    def _publish(self, item: TimedOutput) -> Iterator[ImuBlock]:
-        if not isinstance(item, ImuBlock):
-            self._log_report(item)
-            return
-        t_ns = self._imu_times.to_host_ns(item.device_ns)
-        if (boot := self._unlogged_boot) is not None:
-            self._log_start(boot, int(t_ns[0]))
-            self._unlogged_boot = None
-        supply = self._supply_history.voltage_at(int(t_ns[0]))
-        block = replace(
-            item,
-            t_ns=t_ns,
-            t_log_ns=self._order.next_time(item.received_ns),
-            power_on_ns=self.power_on_ns,
-            supply=supply,
-        )
-        self._sink.write_record(block)
-        self.span_ns = [self.span_ns[0] if self.span_ns else int(t_ns[0]), int(t_ns[-1])]
-        self._rate_window.add(item.received_ns, len(t_ns))
-        self.newest_block = block
-        yield block
-
-    def _log_start(self, hello: Hello, t_ns: int) -> None:
-        """Log the power-on time of the node; a restart without loss of power does not change it."""
-        if self.power_on_ns is None or hello.reset_cause in (ResetCause.POWER_ON, ResetCause.BROWN_OUT):
-            self.power_on_ns = int(self.clock.to_host_ns(np.zeros(1, np.int64))[0])
-        self._start_event = power_on_event(self.name, hello.boot_id, self.power_on_ns, t_ns)
-        self._sink.write_record(EventRecord(self._start_event))
+        if self.samples.clock_is_known:
+            yield from self.samples.release()
