@@ -31,7 +31,7 @@ def accel_frame_covariance(
     covariance = np.zeros((12, 12))
     for direction in (vectors * np.sqrt(np.maximum(values, 0.0))).T:
         triad = Triad(accel.triad.bias + direction[:3], accel.triad.matrix + direction[3:].reshape(3, 3))
-        up = np.asarray(triad.correct(standstills.accel))
+        up = np.asarray(replace(accel, triad=triad).correct(standstills.accel))
         up /= np.linalg.norm(up, axis=1)[:, None]
         changed = replace(turns_used, start=up[calibration.used], end=up[calibration.used + 1])
         misclosure_change = (

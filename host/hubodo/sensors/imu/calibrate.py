@@ -17,6 +17,7 @@ from hubodo.sensors.imu.earth_in_turns import estimate_earth_in_turns
 from hubodo.sensors.imu.held_out import cross_validate_accel, cross_validate_turns
 from hubodo.sensors.imu.latitude_check import check_horizontal_rate, check_latitude
 from hubodo.sensors.imu.misalignment import align_by_earth_rate, rotate_triad
+from hubodo.sensors.imu.nonlinear_terms import describe_accelerometers, fit_accelerometers
 from hubodo.sensors.imu.outlier_poses import drop_outlier_poses
 from hubodo.sensors.imu.result import GyroCalibration, ImuCalibration
 from hubodo.sensors.imu.scalar_calibration import Convention, ScalarCalibration, fit_scalar_calibration
@@ -66,18 +67,17 @@ def calibrate_imu(
     _check_finite(t, gyro, accel)
     standstills = drop_outlier_poses(find_standstills(t, gyro, accel, min_duration=min_standstill), gravity)
     notes = list(standstills.rejected)
-    accelerometers = fit_scalar_calibration(
-        standstills.accel, gravity, standstills.accel_sigma, convention=convention, allow_partial=True
-    )
-    held_out = cross_validate_accel(standstills, gravity, convention)
+    accelerometers = fit_accelerometers(standstills, gravity, convention)
+    notes += describe_accelerometers(accelerometers)
+    held_out = cross_validate_accel(standstills, gravity, convention, accelerometers.exponents)
     if held_out is not None and held_out.rms > held_out.rms_before:
         raise CalibrationError(
             "the calibration makes the length of gravity worse in static poses that were not fitted "
             f"({held_out.rms_before:.2g} m/s² before, {held_out.rms:.2g} after): the accelerometers are "
             "better than these poses show; stand still longer, in more poses"
         )
-    force = accelerometers.triad.correct(standstills.accel)
-    all_force = np.asarray(accelerometers.triad.correct(accel))
+    force = accelerometers.correct(standstills.accel)
+    all_force = np.asarray(accelerometers.correct(accel))
     check_axis_signs(collect_turns(t, gyro, standstills.gyro.mean(axis=0), standstills, force))
     if table_rate is None:
         calibrated = _calibrate_gyro(t, gyro, all_force, standstills, accelerometers, latitude, notes)
@@ -167,7 +167,7 @@ def _calibrate_gyro(
     latitude: float | None,
     notes: list[str],
 ) -> GyroCalibration:
-    force = accel.triad.correct(standstills.accel)
+    force = accel.correct(standstills.accel)
     bias, bias_covariance, g_sensitivity, g_sigma = estimate_static_bias(
         standstills.gyro, standstills.gyro_sigma, force
     )

@@ -41,7 +41,7 @@ class CrossValidation:
 
 
 def cross_validate_accel(
-    standstills: Standstills, gravity: float, convention: Convention
+    standstills: Standstills, gravity: float, convention: Convention, exponents: tuple[int, ...] = ()
 ) -> CrossValidation | None:
     """Return the errors of each standstill under the calibration of the other folds; None if those fail."""
     count = len(standstills)
@@ -52,11 +52,16 @@ def cross_validate_accel(
         training = standstills.select(~held)
         try:
             calibration = fit_scalar_calibration(
-                training.accel, gravity, training.accel_sigma, convention=convention, allow_partial=True
+                training.accel,
+                gravity,
+                training.accel_sigma,
+                convention=convention,
+                allow_partial=True,
+                exponents=exponents,
             )
         except CalibrationError:
             continue
-        error[held] = np.linalg.norm(calibration.triad.correct(standstills.accel[held]), axis=1) - gravity
+        error[held] = np.linalg.norm(calibration.correct(standstills.accel[held]), axis=1) - gravity
     finite = np.isfinite(error)
     if not finite.any():
         return None

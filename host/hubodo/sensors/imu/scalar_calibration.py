@@ -21,7 +21,7 @@ that size.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -43,6 +43,8 @@ from hubodo.sensors.imu.pose_observability import (
 Convention = Literal["symmetric", "x-first"]
 
 MAX_ITERATIONS = 50
+_NONLINEAR_ITERATIONS = 4
+"""Iterations that invert terms of up to 3 % of the reference to 1e-6."""
 _DETERMINING_PARAMETER = np.array([0, 1, 2, 3, 6, 7, 6, 4, 8, 7, 8, 5])
 """Index of the parameter that determines each element of b, and of M row by row."""
 _UNIT_OF_RATIO = {1 / 9.80665: "g", 1000 / 9.80665: "mg", 57.29578: "degrees per second", 57295.78: "mdps"}
@@ -66,6 +68,10 @@ class ScalarCalibration:
         poses: observability of the parameters.
         convention: convention of the misalignments, see the module.
         iterations: Gauss-Newton steps.
+        exponents: n of each nonlinear term k_i y_i^n of the linear reading y, estimated beside the nine
+            parameters.
+        nonlinear: (3 len(exponents),) k by exponent, then axis, in units of the reference.
+        nonlinear_sigma: 1 sigma of each k.
     """
 
     triad: Triad
@@ -80,6 +86,15 @@ class ScalarCalibration:
     poses: PoseObservability
     convention: Convention
     iterations: int
+    exponents: tuple[int, ...] = ()
+    nonlinear: Array = field(default_factory=lambda: np.zeros(0))
+    nonlinear_sigma: Array = field(default_factory=lambda: np.zeros(0))
+
+    def correct(self, raw: Array) -> Array:
+        """Return true values from raw ones, (N, 3), without the nonlinear terms."""
+        u = raw / self.reference
+        linear = _remove_nonlinearity(u, self.exponents, self.nonlinear)
+        return self.triad.correct(raw, self.reference * (u - linear))
 
     @property
     def sigma(self) -> Array:
@@ -95,12 +110,14 @@ def fit_scalar_calibration(
     convention: Convention = "symmetric",
     name: str = "accel",
     allow_partial: bool = False,
+    exponents: tuple[int, ...] = (),
 ) -> ScalarCalibration:
     """Estimate the nine parameters of a triad.
 
     measured: (R, 3) mean of each standstill. reference: norm of the true vector, same unit. sigma: (R, 3)
     standard errors of the means, not zero. allow_partial: accept poses that determine only some parameters,
-    using the tolerances of MEMS accelerometers. Raises CalibrationError if the poses do not determine every
+    using the tolerances of MEMS accelerometers. exponents: of nonlinear terms, see `ScalarCalibration`.
+    Raises CalibrationError if the poses do not determine every
     parameter (with `allow_partial`: any), for a wrong unit, or if the fit does not converge.
     """
     if not reference > 0:
@@ -114,8 +131,7 @@ def fit_scalar_calibration(
     _check_poses(
         assess_poses(u / length[:, None], np.sqrt((noise**2).mean(axis=1)), factory), allow_partial, name
     )
-    fit = _NormFit(u, noise, factory, name)
-    p, iterations = fit.solve(np.zeros(9))
+    fit, p, iterations = _NormFit(u, noise, factory, name, exponents, u).solve_with_terms()
     w, rows, residual, variance = fit.linearise(p)
     # Large errors distort the raw directions and can hide a degenerate set of poses, so it is checked
     # again here.
@@ -133,6 +149,7 @@ def fit_scalar_calibration(
     full = convert(p)
     jacobian = _jacobian(convert, p)
     units = np.diag([reference] * 3 + [1.0] * 6)
+    nonlinear, nonlinear_sigma, remainder = fit.nonlinear(p, max(1.0, chi2 or 1.0))
     return ScalarCalibration(
         Triad(full[:3], full[3:].reshape(3, 3)),
         units @ p,
@@ -140,23 +157,40 @@ def fit_scalar_calibration(
         jacobian @ covariance @ jacobian.T,
         poses.is_observable[_DETERMINING_PARAMETER],
         reference,
-        (np.linalg.norm(w, axis=1) - 1) * reference,
+        (np.linalg.norm(w, axis=1) - 1 - remainder) * reference,
         (length - 1) * reference,
         chi2,
         poses,
         convention,
         iterations,
+        exponents,
+        nonlinear,
+        nonlinear_sigma,
     )
 
 
 @dataclass(frozen=True)
 class _NormFit:
-    """Least-squares fit to the norms of u (R, 3) with noise (R, 3), relative to the reference, with prior."""
+    """Least-squares fit to the norms of u (R, 3) with noise (R, 3), relative to the reference, with prior.
+
+    Nonlinear terms, powers of the `linear` reading (R, 3) with these exponents, have no prior. They are
+    eliminated from residuals and design matrix (variable projection).
+    """
 
     u: Array
     noise: Array
     factory: FactoryTolerance
     name: str
+    exponents: tuple[int, ...]
+    linear: Array
+
+    def solve_with_terms(self) -> tuple[_NormFit, Array, int]:
+        """Return the fit with its linear readings, the (9,) parameters and the number of steps."""
+        p, iterations = self.solve(np.zeros(9))
+        if not self.exponents:
+            return self, p, iterations
+        fit = replace(self, linear=_remove_nonlinearity(self.u, self.exponents, self.nonlinear(p, 1.0)[0]))
+        return (fit, *fit.solve(p))
 
     def solve(self, start: Array, fixed: int | None = None) -> tuple[Array, int]:
         """Minimise by Gauss-Newton with step halving; return the (9,) parameters and the number of steps.
@@ -186,7 +220,9 @@ class _NormFit:
                     break
                 step = step / 2
             p = p + step
-            if np.abs(step).max() < 1e-13 + 1e-10 * np.abs(p).max():
+            # Variable projection neglects the derivative of the eliminated terms and converges linearly.
+            tolerance = 1e-9 if self.exponents else 1e-13 + 1e-10 * np.abs(p).max()
+            if np.abs(step).max() < tolerance:
                 return p, iteration
         raise CalibrationError(
             f"the {self.name} calibration does not converge in {MAX_ITERATIONS} steps (last change "
@@ -205,7 +241,35 @@ class _NormFit:
         v = w @ inverse
         noise_power = (self.noise**2) @ (inverse**2).sum(axis=0)
         residual = ((w**2).sum(axis=1) - noise_power - 1) / 2
-        return w, pose_design_matrix(v, w), residual, ((v * self.noise) ** 2).sum(axis=1)
+        rows, variance = pose_design_matrix(v, w), ((v * self.noise) ** 2).sum(axis=1)
+        if self.exponents:
+            weight = np.sqrt(variance)[:, None]
+            basis = np.linalg.qr(self._nonlinear_columns(v) / weight)[0]
+            both = np.column_stack([rows, residual]) / weight
+            both = (both - basis @ (basis.T @ both)) * weight
+            rows, residual = both[:, :9], both[:, 9]
+        return w, rows, residual, variance
+
+    def _nonlinear_columns(self, v: Array) -> Array:
+        """Return the (R, 3 len(exponents)) derivatives of |w|²/2 by the nonlinear terms, but for the sign."""
+        return np.hstack([v * self.linear**n for n in self.exponents])
+
+    def nonlinear(self, p: Array, variance_factor: float) -> tuple[Array, Array, Array]:
+        """Return the nonlinear terms k, their sigmas, and their part of each residual (R,).
+
+        Their covariance follows from the joint information matrix with the nine parameters `p`.
+        """
+        linear = replace(self, exponents=())
+        w, rows, residual, variance = linear.linearise(p)
+        if not self.exponents:
+            return np.zeros(0), np.zeros(0), np.zeros(len(residual))
+        weight = np.sqrt(variance)
+        columns = self._nonlinear_columns(w @ np.linalg.inv(_symmetric(p)))
+        k = np.linalg.lstsq(columns / weight[:, None], residual / weight, rcond=None)[0]
+        joint = np.column_stack([columns, rows]) / (weight * np.sqrt(variance_factor))[:, None]
+        prior = np.append(np.zeros(len(k)), self.factory.sigma**-2)
+        covariance = np.linalg.inv(joint.T @ joint + np.diag(prior))
+        return np.asarray(k), np.asarray(np.sqrt(np.diag(covariance)[: len(k)])), np.asarray(columns @ k)
 
     def covariance(self, rows: Array, variance: Array, variance_factor: float = 1.0) -> Array:
         """Return the (9, 9) covariance of the parameters, with the variances of the poses times `widened`."""
@@ -214,7 +278,7 @@ class _NormFit:
     def reduced_chi2(self, rows: Array, residual: Array, variance: Array) -> float | None:
         """Return the reduced chi-square of the norms, or None without degrees of freedom."""
         used = np.einsum("ri,ij,rj,r->", rows, self.covariance(rows, variance), rows, 1 / variance)
-        freedom = len(residual) - float(used)
+        freedom = len(residual) - float(used) - 3 * len(self.exponents)
         return float((residual**2 / variance).sum()) / freedom if freedom > 0.5 else None
 
     def of_second_order(self, p: Array, unobservable: NDArray[np.bool_]) -> Array:
@@ -232,6 +296,14 @@ class _NormFit:
             even_part = (changes[0] + changes[1]) / 2
             covariance += 3 * np.outer(even_part, even_part)
         return covariance
+
+
+def _remove_nonlinearity(u: Array, exponents: tuple[int, ...], k: Array) -> Array:
+    """Return y (N, 3) of u = y + sum of k_n y^n. u: relative to the reference. k: by exponent, then axis."""
+    y = u
+    for _ in range(_NONLINEAR_ITERATIONS if exponents else 0):
+        y = u - sum(row * y**n for n, row in zip(exponents, k.reshape(-1, 3), strict=True))
+    return y
 
 
 def _symmetric(p: Array) -> Array:

@@ -101,7 +101,7 @@ def standstills(count=9, sigma=1e-7, loud=1.0, seconds=12.0):
     return Standstills(start, start + 50, t, rate, force, gyro_sigma, np.full((count, 3), 1e-3))
 
 
-ACCEL = SimpleNamespace(triad=Triad(np.zeros(3), np.eye(3)))
+ACCEL = SimpleNamespace(triad=Triad(np.zeros(3), np.eye(3)), correct=lambda raw: raw)
 
 
 @pytest.fixture
@@ -289,17 +289,18 @@ def test_notes_start_with_the_methods_of_both_triads_and_unobservable_parameters
         at.start, at.end, at.t, at.gyro, at.accel, at.gyro_sigma, at.accel_sigma, ("a rest crept",)
     )
     poses = SimpleNamespace(is_sufficient=sufficient, describe_deficit=lambda name: f"{name} lacks a pose")
-    given = {}
+    given = []
 
-    def solve(*args, **options):
-        given.update(options)
-        return SimpleNamespace(triad=Triad(np.zeros(3), np.eye(3)), poses=poses)
+    def solve(_, gravity, convention):
+        given.extend([gravity, convention])
+        return SimpleNamespace(poses=poses, correct=lambda raw: raw, exponents=())
 
     monkeypatch.setattr(room, "find_standstills", lambda *_, **__: at)
     monkeypatch.setattr(room, "drop_outlier_poses", lambda standstills, _: standstills)
     monkeypatch.setattr(room, "collect_turns", lambda *_: None)
     monkeypatch.setattr(room, "check_axis_signs", lambda _: None)
-    monkeypatch.setattr(room, "fit_scalar_calibration", solve)
+    monkeypatch.setattr(room, "fit_accelerometers", solve)
+    monkeypatch.setattr(room, "describe_accelerometers", lambda _: ["the accelerometers are bent"])
     monkeypatch.setattr(room, "cross_validate_accel", lambda *_: None)
     monkeypatch.setattr(room, "_calibrate_gyro", lambda *_: SimpleNamespace(method="some turns"))
     result = calibrate_imu(np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)), convention="symmetric")
@@ -308,8 +309,11 @@ def test_notes_start_with_the_methods_of_both_triads_and_unobservable_parameters
         "symmetric convention, from the norm of gravity in 9 standstills" in first
         and second == "gyros: some turns"
     )
-    assert others == ([] if sufficient else ["left out: accel lacks a pose"]) + ["a rest crept"]
-    assert given["allow_partial"] and given["convention"] == "symmetric"
+    assert others == ([] if sufficient else ["left out: accel lacks a pose"]) + [
+        "a rest crept",
+        "the accelerometers are bent",
+    ]
+    assert given == [9.80665, "symmetric"]
 
 
 class Passed(Exception):

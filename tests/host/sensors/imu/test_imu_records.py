@@ -139,6 +139,22 @@ def test_poses_beyond_the_range_of_an_accelerometer_are_named_and_left_out():
     assert np.abs(error / result.accel.sigma[[0, 1, 2, 3, 7, 11]]).max() < 4
 
 
+@pytest.mark.parametrize("power, name", [(2, "quadratic"), (3, "cubic")])
+def test_nonlinear_accelerometers_are_named_and_bias_and_scale_stay_within_sigma(power, name):
+    pulls = []
+    for seed in range(2):
+        data = carry(np.random.default_rng([3307, seed]), Errors(), ACCEL, dt=0.04)
+        accel = data.accel + 0.005 * GRAVITY * (data.accel / GRAVITY) ** power * [1.0, -1.0, 0.5]
+        result = calibrate_imu(data.t, data.gyro, accel, gravity=GRAVITY)
+        assert any(f"{name} terms x +" in note and "mg at 1 g" in note for note in result.notes)
+        assert result.accel.exponents == (power,)
+        terms = (result.accel.nonlinear - [0.005, -0.005, 0.0025]) / result.accel.nonlinear_sigma
+        error = np.append(result.accel.triad.bias - ACCEL.b, result.accel.triad.scale_error - ACCEL.e)
+        pulls.extend([*terms, *(error / result.accel.sigma[[0, 1, 2, 3, 7, 11]])])
+        assert result.accel_held_out.rms < 0.005
+    assert np.abs(pulls).max() < 4 and np.sqrt(np.mean(np.square(pulls))) < 1.6
+
+
 def test_correlated_standstills_widen_the_sigma_of_the_bias():
     """Means of neighbouring standstills with correlation 0.5: the mean has sqrt(3) times the white sigma."""
     rng = np.random.default_rng(16)
