@@ -48,7 +48,9 @@ class SpeedCoupling:
             return None
         if all(self._added[node.name].is_additive(type(effect)) for node in changed_sources):
             speed = average_speed_errors(
-                sources, {node.name: self._read(node, effect) for node in changed_sources}
+                sources,
+                self._state.problem.speed_weights,
+                {node.name: self._read(node, effect) for node in changed_sources},
             )
         else:
             changed_correction = self._state.correct_speed(effects, changed)

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.gap.problem.log_inputs import (
     estimate_input_noise,
@@ -18,6 +17,7 @@ from hubodo.gap.problem.log_inputs import (
 )
 from hubodo.gap.problem.plausibility import check_plausibility
 from hubodo.gap.problem.problem import CHANNELS, MIN_NODE_SAMPLES, NodeData, Problem
+from hubodo.gap.problem.saturation import find_saturation_limit
 from hubodo.model.forward import NodeModel
 from hubodo.model.inputs import MotionInputs
 from hubodo.model.model_file import Model
@@ -27,8 +27,6 @@ from hubodo.time_gaps import check_time_gaps
 
 # s, minimum duration; shorter logs contain too few turns and stops.
 MIN_DURATION = 20.0
-# Number of equal largest readings from which on they are taken for saturation.
-_MIN_LIMIT_READINGS = 6
 _SHARED_YAW_WARNING = (
     "the yaw rate comes from the gyro axes across the axles: an error common to all of them is not "
     "observable or looks like a track width error; a reference or a node on the body would show it"
@@ -125,16 +123,3 @@ def _build_nodes(
         saturation_limits = (find_saturation_limit(readings[:3]), find_saturation_limit(readings[3:]))
         nodes.append(NodeData(name, mount, t, readings, used, saturation_limits, forward))
     return tuple(nodes)
-
-
-def find_saturation_limit(y: Array) -> float:
-    """Return the limit at which a triad, (3, N), saturates; infinity if it does not.
-
-    At a limit many of the largest magnitudes are equal.
-    """
-    values, counts = np.unique(np.abs(y), return_counts=True)
-    # Without a limit, noise spreads the largest readings: fewer have the largest value than the values below
-    # it.
-    if len(values) > 4 and counts[-1] >= _MIN_LIMIT_READINGS and counts[-1] > 3 * counts[-4:-1].max():
-        return float(values[-1])
-    return np.inf

@@ -13,6 +13,7 @@ from hubodo.errors import InputError
 from hubodo.fuse.wheel.window import WINDOW_S
 from hubodo.fuse.wheel_odometry import compute_wheel_odometry
 from hubodo.gap.problem.motion_band import estimate_motion_band
+from hubodo.gap.problem.saturation import is_spin_saturated, weigh_speed_sources
 from hubodo.model.inputs import Trace
 from hubodo.model.model_file import Model, split_input
 from hubodo.recording import Recording, Table
@@ -147,19 +148,23 @@ def _read_speed(
     else:
         smooth_speed, first, last = _read_column(recording, name, origin, log_name)
         return smooth_speed, first, last, ()
-    parts = []
+    parts, saturated = [], []
     for source in sources:
         if source not in nodes:
             raise InputError(f"{log_name}: speed = {name!r}: no wheel node {source!r} in log and model")
         table = recording.nodes[source]
         sign = facing_sign(model.vehicle.nodes[source].facing or "left")
         parts.append((table.t - origin, sign * model.vehicle.wheel_radius * table["gz"]))
+        saturated.append((table.t - origin, is_spin_saturated(table)))
     first, last = max(p[0][0] for p in parts), min(p[0][-1] for p in parts)
     t = parts[0][0][(parts[0][0] >= first) & (parts[0][0] <= last)]
     speeds = [np.interp(t, *part) for part in parts]
-    mean = np.mean(speeds, axis=0)
-    band = estimate_motion_band(t, *_speeds_of_midpoint(model, sources, speeds, yaw_rate, t)[:2])
-    return fit_smoothing_spline(t, mean, band), float(first), float(last), tuple(sources)
+    midpoint = _speeds_of_midpoint(model, sources, speeds, yaw_rate, t)
+    weights = weigh_speed_sources(t, saturated)
+    # The yaw rate matters where only one of two wheels measures.
+    speed = (weights * midpoint).sum(axis=0) if len(speeds) > 1 else speeds[0]
+    band = estimate_motion_band(t, *np.where(weights > 0.0, midpoint, speed)[:2])
+    return fit_smoothing_spline(t, speed, band), float(first), float(last), tuple(sources)
 
 
 def _speeds_of_midpoint(
@@ -185,7 +190,10 @@ def _read_yaw_rate(
 
 
 def _wheel_difference(recording: Recording, model: Model) -> tuple[Array, Array] | None:
-    """Return times, s, and the yaw rate, rad/s, from the speeds of two wheels; None if there are not two."""
+    """Return times, s, and the yaw rate, rad/s, from the speeds of two wheels; None if there are not two.
+
+    While one of them is saturated, the yaw rate is NaN.
+    """
     wheels = {
         mount.side: (recording.nodes[name], facing_sign(mount.facing or "left"))
         for name, mount in model.vehicle.nodes.items()
@@ -194,7 +202,8 @@ def _wheel_difference(recording: Recording, model: Model) -> tuple[Array, Array]
     if len(wheels) < 2:
         return None
     (left, left_sign), (right, right_sign) = wheels["left"], wheels["right"]
-    difference = right_sign * np.interp(left.t, right.t, right["gz"]) - left_sign * left["gz"]
+    rates = [np.where(is_spin_saturated(wheel), np.nan, wheel["gz"]) for wheel in (left, right)]
+    difference = right_sign * np.interp(left.t, right.t, rates[1]) - left_sign * rates[0]
     return left.t, difference * model.vehicle.wheel_radius / model.vehicle.track_width
 
 
@@ -227,8 +236,11 @@ def _read_column(
     if len(table) < 10:
         raise InputError(f"{log_name}: the model's input {name!r} has {len(table)} rows; too few")
     t = table.t - origin
-    other = None if second_sensor is None else np.interp(table.t, *second_sensor)
-    return _smooth_input(t, table[column], other), float(t[0]), float(t[-1])
+    values, other = table[column], None
+    if second_sensor is not None:
+        other = np.interp(table.t, *second_sensor)
+        other = np.where(np.isnan(other), values, other)
+    return _smooth_input(t, values, other), float(t[0]), float(t[-1])
 
 
 def _find_input(recording: Recording, name: str, log_name: str) -> tuple[Table, str]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.arrays import Array
+from hubodo.gap.problem.saturation import is_at_limit, weigh_speed_sources
 from hubodo.model.forward import NodeModel
 from hubodo.model.inputs import MotionInputs
 from hubodo.model.model_file import Model
@@ -47,8 +48,7 @@ class NodeData:
     @cached_property
     def is_saturated(self) -> NDArray[np.bool_]:
         """Return a mask, (6, N), of the readings at the limit of their sensor."""
-        limits = np.repeat(self.saturation_limits, 3)[:, None]
-        return np.asarray(np.abs(self.y) >= limits * (1.0 - 1e-9))
+        return is_at_limit(self.y, np.repeat(self.saturation_limits, 3)[:, None])
 
     @property
     def on_wheel(self) -> bool:
@@ -108,6 +108,12 @@ class Problem:
     def speed_source_nodes(self) -> tuple[NodeData, ...]:
         """Return the nodes whose gyros measured the speed."""
         return tuple(node for node in self.nodes if node.name in self.speed_sources and node.on_wheel)
+
+    @cached_property
+    def speed_weights(self) -> Array:
+        """Return the weights of these gyros in the measured speed, (S, N), at the stamps of the first."""
+        nodes = self.speed_source_nodes
+        return weigh_speed_sources(nodes[0].t, [(node.t, node.is_saturated[2]) for node in nodes])
 
     def select(self, samples: Mapping[str, slice]) -> Problem:
         """Return a copy with some samples of each node."""

@@ -72,14 +72,16 @@ def build_measuring_chain(
     return node.forward.true_signals(mean_effects, NodeInitialState(), phase_offset)[0]
 
 
-def average_speed_errors(sources: Sequence[NodeData], errors: Mapping[str, Array]) -> Array:
-    """Return the mean error of the gyros, (N,) m/s, at the stamps of the first.
+def average_speed_errors(sources: Sequence[NodeData], weights: Array, errors: Mapping[str, Array]) -> Array:
+    """Return the weighted mean error of the gyros, (N,) m/s, at the stamps of the first.
 
+    weights: (S, N), as in `Problem.speed_weights`
     errors: by node; a missing node counts as 0
     """
     first = sources[0]
     total = np.zeros(len(first.t))
-    for node in sources:
+    for node, weight in zip(sources, weights, strict=True):
         if node.name in errors:
-            total += errors[node.name] if node is first else np.interp(first.t, node.t, errors[node.name])
-    return total / len(sources)
+            error = errors[node.name]
+            total += weight * (error if node is first else np.interp(first.t, node.t, error))
+    return total

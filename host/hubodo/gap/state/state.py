@@ -123,7 +123,11 @@ class State:
         errors = {**self.speed_errors, **self._speed_errors(effects, changed)}
         return SpeedCorrection(
             sources[0].t,
-            average_speed_errors(sources, {name: error.correction for name, error in errors.items()}),
+            average_speed_errors(
+                sources,
+                self.problem.speed_weights,
+                {name: error.correction for name, error in errors.items()},
+            ),
         )
 
     def _speed_errors(self, effects: Effects, names: Collection[str]) -> dict[str, SpeedError]:

@@ -15,7 +15,8 @@ def test_a_bias_corrects_the_speed_by_bias_times_radius_and_by_half_of_it_with_t
     nodes, bias = problem.nodes, BY_NAME["gyro_bias"](z=0.1)
     error = compute_speed_error(nodes[0], {type(bias): bias}, False).correction
     np.testing.assert_allclose(np.abs(error), 0.1 * nodes[0].forward.wheel_radius, rtol=1e-6)
-    np.testing.assert_allclose(average_speed_errors(nodes, {nodes[0].name: error}), 0.5 * error)
+    average = average_speed_errors(nodes, np.full((2, 1), 0.5), {nodes[0].name: error})
+    np.testing.assert_allclose(average, 0.5 * error)
 
 
 def test_a_late_clock_corrects_the_speed_by_delay_times_acceleration(problem):
