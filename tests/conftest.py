@@ -70,7 +70,7 @@ settings.load_profile("hubodo")
 
 
 def pytest_addoption(parser):
-    parser.addoption("--kills", type=int, default=10, help="how many recorders faults/test_kill.py kills")
+    parser.addoption("--kills", type=int, default=6, help="how many recorders faults/test_kill.py kills")
 
 
 @cache

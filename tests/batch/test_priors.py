@@ -39,6 +39,7 @@ def test_equal_calibrations_do_not_reduce_the_sigma_and_two_vehicles_give_no_pri
         fleet_calibration({name: [calibration_of(0.02, 1e-3)] for name in "ab"})
 
 
+@pytest.mark.repeat
 def test_priors_are_written_on_request_as_a_calibration_file(tmp_path, here):
     for number in range(3):
         log = FleetLog(f"van-{number}", number, 150.0, 50.0, 0.01 + 0.002 * number, 0.03, seed=number)

@@ -12,9 +12,9 @@ from fuzz.judge import judge
 from fuzz.targets import TARGETS
 
 EXAMPLES = {
-    "mcap": 16, "rosbag1": 8, "rosbag2": 10, "csv": 12, "parquet": 4, "text": 6,
-    "npy": 10, "npz": 6,
-    "mat": 3, "hdf5": 3, "toml": 25, "frames": 12, "nmea": 30, "options": 8, "http": 6,
+    "mcap": 10, "rosbag1": 5, "rosbag2": 6, "csv": 8, "parquet": 3, "text": 4,
+    "npy": 6, "npz": 4,
+    "mat": 2, "hdf5": 2, "toml": 15, "frames": 8, "nmea": 20, "options": 5, "http": 4,
 }  # fmt: skip
 
 

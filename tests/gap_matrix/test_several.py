@@ -8,6 +8,7 @@ from repetitions import first_and_more
 SEED, ABSENT_EFFECT = 30_001, "accel_bias"
 
 
+@pytest.mark.repeat
 def test_an_absent_first_effect_does_not_change_the_final_ones(tmp_path):
     """`make gap-several` begins with each of several effects."""
     trial = trials.draw_trial(SEED, "several")

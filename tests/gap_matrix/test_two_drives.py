@@ -18,6 +18,7 @@ from repetitions import first_and_more
 SEED, DURATION, RATE_HZ, NULL_DURATION = 7, 66.0, 30.0, 33.0
 
 
+@pytest.mark.repeat
 def test_a_displaced_sensor_is_found_with_its_displacement(tmp_path):
     hidden, result = compare_changed("lever_arm", SEED, DURATION, tmp_path, RATE_HZ)
     assert result.p_value < 1e-3

@@ -79,6 +79,7 @@ def test_the_installed_package_contains_every_firmware_file(environment_folder, 
     assert done.returncode == 0 and "--roll-back" in done.stdout, done.stderr
 
 
+@pytest.mark.repeat
 def test_the_installed_package_runs_the_demo_and_opens_its_log(environment_folder, tmp_path):
     done = run(
         environment_folder, tmp_path, "hubodo", "demo", "--on", "cpython", "--moving", "5", "-o", "demo"

@@ -143,6 +143,7 @@ def case(foreign, tmp_path):
     return shutil.copytree(foreign, tmp_path / "case")
 
 
+@pytest.mark.repeat
 def test_an_off_centre_reference_antenna_is_identified_on_request(case, tmp_path):
     """The log with the speed of another point: v - r arm."""
     arm = -0.2

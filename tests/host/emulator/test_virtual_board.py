@@ -118,6 +118,7 @@ def test_the_output_has_every_sample_of_the_chip(tmp_path: Path, kind: str) -> N
     node.stop()
 
 
+@pytest.mark.repeat
 def test_a_hundred_thousand_samples_run_in_much_less_than_a_minute_of_the_processor(tmp_path: Path) -> None:
     began = time.process_time()
     program = STREAM_FIFO % {"odr": 8, "n": 100_000, "batch": 8, "nap": 2000}

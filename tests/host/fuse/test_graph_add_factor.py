@@ -53,5 +53,6 @@ def test_a_factor_added_by_the_recipe_is_fused_and_reported(copy: PackageCopy) -
     assert "gate: passed 2 times" in copy.run("-c", FUSE_WITH_GATE)
 
 
+@pytest.mark.repeat
 def test_the_tests_of_the_touched_parts_pass_with_an_added_factor(copy: PackageCopy) -> None:
     assert copy.run_tests(*GUARDS)

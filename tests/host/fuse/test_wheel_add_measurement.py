@@ -83,6 +83,7 @@ def test_an_added_measurement_counts_in_nis_and_dof_and_live_stays_equal_to_bulk
         assert run["bulk"] != reference["bulk"]
 
 
+@pytest.mark.repeat
 def test_the_tests_of_measurements_cover_an_added_one_and_pass(
     copy: PackageCopy,
 ) -> None:

@@ -15,6 +15,7 @@ from hubodo.fuse.wheel.entries import HEADING, SPEED, X, Y
 from hubodo.fuse.wheel.slip_monitor import SlipMonitor
 from hubodo.fuse.wheel.slip_schedule import SlipSchedule
 from hubodo.fuse.wheel.track import WheelTrack, run_wheel_filter
+from repetitions import first_and_more
 from wheel_runs import config, pose_error, tables
 
 ENTRIES = (X, Y, HEADING, SPEED)
@@ -74,16 +75,20 @@ def test_speed_inflation_is_spread_evenly_over_its_windows_and_adds_up() -> None
     assert slips.speed_variance == pytest.approx({10: 0.2, 11: 0.2, 12: 0.3, 13: 0.3})
 
 
-@pytest.fixture(scope="module")
-def late_slips() -> list[tuple[Any, float, dict[float, Any]]]:
-    """Return three drives whose lifted wheel spins down so slowly that the slip is found late.
+@pytest.fixture(
+    scope="module",
+    params=first_and_more([(0, 110), (1, 510)], [(0, 306), (0, 110), (1, 510)]),
+    ids=lambda drives: f"{len(drives)} drives",
+)
+def late_slips(request: pytest.FixtureRequest) -> list[tuple[Any, float, dict[float, Any]]]:
+    """Return drives whose lifted wheel spins down so slowly that the slip is found late.
 
     Each with the start of the slip, s, and the tracks by lag, s.
     """
     lags, kinds = (0.0, 10.0, math.inf), ("runs out in 3 s", "half its speed in 6 s")
     drives = []
-    for kind, seed in ((kinds[0], 306), (kinds[0], 110), (kinds[1], 510)):
-        drive, names, start = make_drive(CASES[f"one wheel, lifted 6 s, {kind}"], seed)
+    for kind, seed in request.param:
+        drive, names, start = make_drive(CASES[f"one wheel, lifted 6 s, {kinds[kind]}"], seed)
         tracks = {lag: run_wheel_filter(config(drive, names), tables(drive), lag).track for lag in lags}
         drives.append((drive, start, tracks))
     return drives

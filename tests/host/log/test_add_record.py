@@ -87,5 +87,6 @@ def test_an_added_record_is_written_passed_on_and_read_by_other_programs(
     ]
 
 
+@pytest.mark.repeat
 def test_no_test_of_the_writers_fails_for_an_added_record(copy: PackageCopy) -> None:
     assert copy.run_tests(*TESTS)

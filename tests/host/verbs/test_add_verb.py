@@ -1,7 +1,8 @@
 """The recipe "add a verb" of CONTRIBUTING.md, carried out in a copy of the package."""
 
 import json
-from pathlib import Path
+
+import pytest
 
 from package_copy import ROOT, PackageCopy
 
@@ -50,14 +51,25 @@ OTHER_TESTS = (
 )
 
 
-def test_a_new_verb_is_one_file_and_one_line_and_no_other_test_fails(tmp_path: Path) -> None:
-    copy = PackageCopy(tmp_path / "host")
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory: pytest.TempPathFactory) -> PackageCopy:
+    """Return a copy of the package with one more verb: one file and one line."""
+    root = tmp_path_factory.mktemp("copy")
+    copy = PackageCopy(root / "host")
     for name in ("firmware", "protocol"):
-        (tmp_path / name).symlink_to(ROOT / name)
+        (root / name).symlink_to(ROOT / name)
     (copy.package / "verbs" / "where.py").write_text(VERB, "utf-8")
     copy.replace("verbs/__init__.py", ('    "completion":', f'{LINE}    "completion":'))
+    return copy
+
+
+def test_a_new_verb_is_one_file_and_one_line(copy: PackageCopy) -> None:
     assert json.loads(copy.run("-m", "hubodo", "where", "--json"))["folder"] == str(copy.package)
     help_text = copy.run("-m", "hubodo", "where", "--help")
     assert "print the folder of the installed package" in help_text and "hubodo where" in help_text
     assert "    where  " in copy.run("-m", "hubodo", "--help")
+
+
+@pytest.mark.repeat
+def test_no_other_test_fails_for_a_new_verb(copy: PackageCopy) -> None:
     assert copy.run_tests(*OTHER_TESTS)

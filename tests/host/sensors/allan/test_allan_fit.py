@@ -14,6 +14,7 @@ from hubodo.sensors.allan.fit import _relative_white_noise_sigma, fit_noise
 from hubodo.sensors.allan.interval import profile_interval, upper_limit
 from hubodo.sensors.allan.likelihood import Likelihood, N, R, slope_sigma
 from hubodo.sensors.standstill_checks import TemperatureStep
+from repetitions import first_and_more
 
 DT = 0.01
 
@@ -88,7 +89,7 @@ def test_the_slope_of_noise_has_the_stated_sigma():
         assert np.std(slopes) == pytest.approx(slope_sigma(theta, samples), rel=0.12), (truth, seed)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", first_and_more(0, 1))
 def test_known_terms_come_back_within_their_sigmas_and_the_stated_percent(seed):
     """K 5 %, N 5 %, B 20 % and Q 5 % of a truth that is visible in the record.
 
@@ -239,7 +240,7 @@ def test_the_limit_of_an_insignificant_ramp_covers_its_signed_estimate(slope):
     assert abs(slope) + 1.6 * sigma < result < abs(slope) + 3.5 * sigma
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", first_and_more(0, 1, 2))
 def test_quantisation_as_strong_as_white_noise_is_distinguished_from_it(seed):
     """3 Q²/tau² = N²/tau at the first averaging time, where the variance is twice that of the white noise."""
     samples, n = 1 << 15, 1e-3
