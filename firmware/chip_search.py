@@ -49,11 +49,18 @@ def open_chips(parts, board, too_fast):
     parts.chips = []
     parts.chip = parts.mag = None
     parts.faults &= ~(FAULT_IMU_MISSING | FAULT_WRONG_WHO_AM_I | FAULT_IMU_SILENT)
-    imu = search(i2c, IMU_DRIVERS, parts.chips)
+    if "imu_csn" in s["pins"]:
+        from drivers.spi_bus import open_spi_bus, search_spi
+
+        bus = open_spi_bus(board)
+        imu = search_spi(bus, parts.chips)
+    else:
+        bus = i2c
+        imu = search(i2c, IMU_DRIVERS, parts.chips)
     if imu is None:
         parts.faults |= FAULT_WRONG_WHO_AM_I if parts.chips else FAULT_IMU_MISSING
     else:
-        _open_imu(parts, board, imu, s["fifo"] or s["link"] in "udp ble" or too_fast)
+        _open_imu(parts, board, bus, imu, s["fifo"] or s["link"] in "udp ble" or too_fast)
     mag = search(i2c, MAG_DRIVERS, parts.chips)
     if mag is not None:
         driver, address, who_am_i = mag
@@ -67,13 +74,13 @@ def open_chips(parts, board, too_fast):
         parts.chips.append((address, who_am_i, part))
 
 
-def _open_imu(parts, board, imu, wants_fifo):
+def _open_imu(parts, board, bus, imu, wants_fifo):
     """Configure the detected IMU with the rate and ranges of its tables that are nearest to the settings."""
     driver, address, who_am_i = imu
     s = board.settings
     try:
         chip = driver(
-            board.i2c,
+            bus,
             address,
             odr_hz=nearest(driver.RATES_HZ, s["rate_hz"])[0],
             range_dps=nearest(driver.RANGES_DPS, s["gyro_range_dps"])[0],

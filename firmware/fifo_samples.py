@@ -20,7 +20,7 @@ class FifoSamples:
     def __init__(self, sampler, chip):
         self._sampler = sampler
         self._chip = chip
-        self._poll = PollTiming(ticks_us(), _LEVEL_WIRE_US)
+        self._poll = PollTiming(ticks_us(), _LEVEL_WIRE_US if chip.address else 0)
         self.left = 0
         """Samples in the FIFO that the sample clock has already counted."""
         self._late_us = self._tries = self._slack_us = 0

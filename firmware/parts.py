@@ -98,7 +98,7 @@ class Parts:
         free = self._board.free_bus()
         self.faults = self.faults & ~FAULT_BUS_STUCK if free else self.faults | FAULT_BUS_STUCK
         for part in (self.chip, self.mag):
-            if part is not None:
+            if part is not None and part.address:
                 part.i2c = self._board.i2c
         if not free or not self._configure(False):
             # Each transfer on a stuck bus takes its full time limit: pause rather than retry in every turn.
@@ -125,7 +125,7 @@ class Parts:
         chip = self.chip
         try:
             if always or not chip.intact():
-                if read_register(self._board.i2c, chip.address, chip.WHO_AM_I_REGISTER) not in (
+                if read_register(chip.i2c, chip.address, chip.WHO_AM_I_REGISTER) not in (
                     chip.who_am_i,
                     -1,
                 ):

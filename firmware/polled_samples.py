@@ -22,8 +22,8 @@ class PolledSamples:
     def __init__(self, sampler, chip):
         self._sampler = sampler
         self._chip = chip
-        self._poll = PollTiming(ticks_us(), _READY_WIRE_US)
-        self._read = PollTiming(ticks_us(), _READ_WIRE_US)
+        self._poll = PollTiming(ticks_us(), _READY_WIRE_US if chip.address else 0)
+        self._read = PollTiming(ticks_us(), _READ_WIRE_US if chip.address else 0)
         self._empty_us = ticks_us()
         """Ticks of the last poll that showed no new sample."""
         self._starting = True

@@ -114,7 +114,7 @@ class Hello(Message):
         "H", "bound on the error of sample times in the node clock; 65535 = unknown", unit="us"
     )
     parts: tuple[tuple[int, ...], ...] = declare_field(
-        "3B[]", "chips on the bus: I2C address, WHO_AM_I, Part (0 = unknown)", default=()
+        "3B[]", "chips: I2C address (0 = on SPI), WHO_AM_I, Part (0 = unknown)", default=()
     )
 
 

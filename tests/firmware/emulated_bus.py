@@ -3,8 +3,11 @@
 import random
 import time
 
+from drivers.spi_bus import SpiBus
+
 from fakes.fake_port import PORT_TICKS
 from hubodo.emulator.board.bus import I2cBus
+from hubodo.emulator.board.spi_sensor import SpiSensor
 
 
 class EmulatedBus:
@@ -63,3 +66,43 @@ class EmulatedBus:
         now = time.ticks_us()
         self.spend(5)
         return now
+
+
+class EmulatedSpi:
+    """A substitute for machine.SPI and chip select over an emulated chip, in the ticks of the fake port."""
+
+    SELECT_PIN, BYTE_S = 13, 1e-6
+
+    def __init__(self, chip, call_us=5):
+        self._sensor = SpiSensor(chip, self.SELECT_PIN, self.BYTE_S)
+        self._zero_us, self._call_us = PORT_TICKS.now_us, call_us
+
+    @property
+    def t(self):
+        """Return the time of the chip in s."""
+        return (PORT_TICKS.now_us - self._zero_us) * 1e-6
+
+    def value(self, level):
+        self._sensor.select(self.t, level)
+        PORT_TICKS.now_us += self._call_us
+
+    def write(self, out):
+        self._exchange(bytes(out))
+
+    def readinto(self, into, write=0):
+        view = memoryview(into).cast("B")
+        view[:] = self._exchange(bytes([write]) * len(view))
+
+    def _exchange(self, out):
+        received = self._sensor.transfer(self.t, out)
+        PORT_TICKS.now_us += self._call_us + len(out) * self.BYTE_S * 1e6
+        return received
+
+
+def spi_bus(chip, **options):
+    """Return the firmware's bus over an emulated chip on SPI."""
+    spi = EmulatedSpi(chip, **options)
+    bus = SpiBus(spi, spi, chip.SPI_DUMMY_BYTES)
+    # As the search does: a chip may begin on I2C.
+    bus.readfrom_mem_into(0, chip.identity_register, bytearray(1))
+    return bus

@@ -159,3 +159,21 @@ def test_a_change_of_range_does_not_make_a_cold_chip_warm():
     steps = np.array([row[0] for row in reported_biases(sent)])
     assert messages_of(sent, m.Hello)[-1].gyro_range_dps == 1000
     assert steps[-1] < 0.4 * 1.4 / 0.035
+
+
+def test_an_imu_on_spi_delivers_every_sample_and_is_configured_again_after_a_dip_of_the_supply():
+    sent, truth, _ = run(
+        3.5,
+        config={"rate_hz": 200, "pins": {"imu_csn": 13}},
+        sensors=SensorBoard("icm42688", select_pin=13),
+        faults=(BrownOut(2.0, "chips"),),
+    )
+    hello, health = messages_of(sent, m.Hello)[-1], messages_of(sent, m.Health)[-1]
+    assert hello.parts == ((0, 0x47, 0), (0x1E, 0x3D, m.Part.LIS3MDL)) and messages_of(sent, m.Mag)
+    matches = match_samples(sent, truth)
+    before = matches[truth.t[matches[:, 0].astype(int)] < 2.0]
+    assert len(before) > 350 and np.all(np.diff(before[:, 0]) == 1)
+    assert np.abs(before[200:, 1]).max() < 50, "us"
+    gaps = [bool(batch.flags & m.BatchFlag.GAP_BEFORE) for batch in messages_of(sent, m.ImuBatch)]
+    assert sum(gaps) == 1 and truth.t[int(matches[-1, 0])] > 3.4
+    assert (health.faults, health.i2c_errors) == (0, 1), "lost settings count as an error"

@@ -7,7 +7,8 @@ from array import array
 import chip_search
 import numpy as np
 import pytest
-from emulated_bus import EmulatedBus
+from drivers.spi_bus import SPI_DRIVERS, SpiBus, search_spi
+from emulated_bus import EmulatedBus, EmulatedSpi, spi_bus
 
 from fakes.fake_port import PORT_TICKS
 from hubodo.earth import STANDARD_GRAVITY
@@ -15,6 +16,7 @@ from hubodo.emulator.chips.bmi270 import Bmi270
 from hubodo.emulator.chips.catalogue import IMU_CHIPS
 from hubodo.emulator.chips.faults import MissedSamples
 from hubodo.emulator.chips.imu import Specimen
+from hubodo.emulator.chips.registers import Register, RegisterChip
 from hubodo.emulator.motion import StillMotion
 from virtual_runs import unique_motion
 
@@ -31,6 +33,12 @@ def configuration(tmp_path, monkeypatch):
 ROWS = {row[1]: row for row in chip_search.IMU_DRIVERS}
 CHIPS = [(kind, {"mpu6500": "MPU9250"}.get(kind.chip_name, kind.chip_name.upper())) for kind in IMU_CHIPS]
 each_chip = pytest.mark.parametrize(("silicon", "driver"), CHIPS, ids=lambda x: getattr(x, "chip_name", x))
+ON_SPI = [(kind, name) for kind, name in CHIPS if name in {row[1] for row in SPI_DRIVERS}]
+each_bus = pytest.mark.parametrize(
+    ("silicon", "driver", "bus_of"),
+    [(*chip, EmulatedBus) for chip in CHIPS] + [(*chip, spi_bus) for chip in ON_SPI],
+    ids=lambda x: getattr(x, "chip_name", getattr(x, "__name__", x)),
+)
 
 
 def load(name):
@@ -43,6 +51,22 @@ def fifo_rows(chip, batch):
     rows = bytearray(12 * batch)
     torn = chip.fifo_read_into(rows)
     return np.frombuffer(bytes(rows), "<i2").reshape(-1, 6), bool(torn)
+
+
+@pytest.mark.parametrize(("silicon", "driver"), ON_SPI)
+def test_the_search_on_spi_finds_the_chip_also_after_a_restart_of_the_board(silicon, driver):
+    spi, listed = EmulatedSpi(silicon(StillMotion())), []
+    for _ in range(2):
+        imu = search_spi(SpiBus(spi, spi), listed)
+        assert imu == (load(driver), 0, load(driver).WHO_AM_I[0]) and not listed
+
+
+@pytest.mark.parametrize("identity, is_listed", [(0x71, True), (0x00, False), (0xFF, False)])
+def test_another_chip_on_spi_is_listed_and_an_open_line_is_none(identity, is_listed):
+    registers = {register: Register("ID", identity) for register in (0x00, 0x01, 0x75)}
+    listed = []
+    assert search_spi(spi_bus(RegisterChip("imu", 0, registers, (0x75, identity))), listed) is None
+    assert listed == [(0, identity, 0)] * is_listed
 
 
 def jerk_steps(chip):
@@ -63,8 +87,8 @@ def test_the_search_finds_the_chip_by_the_identity_of_its_driver(silicon, driver
     assert identities in (load(driver).WHO_AM_I, ())
 
 
-@each_chip
-def test_every_range_has_the_scale_of_the_chip(silicon, driver):
+@each_bus
+def test_every_range_has_the_scale_of_the_chip(silicon, driver, bus_of):
     """A rate and an acceleration at 60 % of each range appear in the driver's steps."""
     kind = load(driver)
     dps = [row[0] for row in kind.RANGES_DPS]
@@ -73,7 +97,7 @@ def test_every_range_has_the_scale_of_the_chip(silicon, driver):
         range_dps, range_g = dps[i % len(dps)], g[i % len(g)]
         rate = np.array([0.6, -0.5, 0.1]) * math.radians(range_dps)
         force = np.array([-0.2, 0.6, 0.55]) * range_g * STANDARD_GRAVITY
-        bus = EmulatedBus(silicon(StillMotion(rate=tuple(rate), force=tuple(force)), Specimen(strict=True)))
+        bus = bus_of(silicon(StillMotion(rate=tuple(rate), force=tuple(force)), Specimen(strict=True)))
         chip = kind(bus, odr_hz=kind.RATES_HZ[1][0], range_dps=range_dps, range_g=range_g)
         PORT_TICKS.now_us += 100_000
         words = array("h", bytes(14))
@@ -84,12 +108,12 @@ def test_every_range_has_the_scale_of_the_chip(silicon, driver):
         assert (chip.range_dps, chip.range_g) == (range_dps, range_g)
 
 
-@each_chip
-def test_every_rate_is_that_of_the_chip_and_its_fifo_holds_consecutive_samples(silicon, driver):
+@each_bus
+def test_every_rate_is_that_of_the_chip_and_its_fifo_holds_consecutive_samples(silicon, driver, bus_of):
     kind = load(driver)
     for hz, *_ in kind.RATES_HZ:
         part = silicon(unique_motion(3), Specimen(strict=True))
-        chip = kind(EmulatedBus(part, call_us=0), odr_hz=hz, fifo=True)
+        chip = kind(bus_of(part, call_us=0), odr_hz=hz, fifo=True)
         batch = 5
         chip.shape(batch)
         PORT_TICKS.now_us += round(12.5e9 / chip.rate_mhz)
@@ -108,10 +132,10 @@ def test_every_rate_is_that_of_the_chip_and_its_fifo_holds_consecutive_samples(s
         assert kind(chip.i2c).was_running
 
 
-@each_chip
+@each_bus
 @pytest.mark.parametrize("degrees", [-20.0, 25.0, 61.5])
-def test_the_temperature_is_that_of_the_chip(silicon, driver, degrees):
-    chip = load(driver)(EmulatedBus(silicon(StillMotion(degrees=degrees), Specimen(strict=True))))
+def test_the_temperature_is_that_of_the_chip(silicon, driver, bus_of, degrees):
+    chip = load(driver)(bus_of(silicon(StillMotion(degrees=degrees), Specimen(strict=True))))
     PORT_TICKS.now_us += 100_000
     chip.read_temperature()
     udegc = chip.temperature_raw * chip.temperature_lsb_udegc + chip.temperature_offset_udegc

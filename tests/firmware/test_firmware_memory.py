@@ -255,3 +255,38 @@ with open("/result", "w") as file:
 def test_the_two_chips_of_a_bmi088_are_read_without_an_allocation(tmp_path):
     result, stream = real_micropython.run(tmp_path, BMI088_BUS, BMI088_LOCKED)
     assert result == [17, 0, 0], stream[-3000:]
+
+
+SPI_LOCKED = """
+import gc, json, micropython, sys, types
+sys.path.insert(0, "/")
+from drivers.spi_bus import SpiBus
+
+class Spi:
+    def value(self, level):
+        pass
+    def write(self, out):
+        pass
+    def readinto(self, into, write=0):
+        into[0] = 7
+
+spi, buffer = Spi(), bytearray(12)
+bus = SpiBus(spi, spi, 1)
+def locked():
+    before = gc.mem_alloc()
+    micropython.heap_lock()
+    try:
+        for _ in range(100):
+            bus.writeto_mem(0, 0x5E, buffer)
+            bus.readfrom_mem_into(0, 0x0C, buffer)
+    finally:
+        micropython.heap_unlock()
+    return buffer[0], gc.mem_alloc() - before
+with open("/result", "w") as file:
+    json.dump(locked(), file)
+"""
+
+
+def test_a_chip_on_spi_is_read_and_written_without_an_allocation(tmp_path):
+    result, stream = real_micropython.run(tmp_path, SPI_LOCKED)
+    assert result == [7, 0], stream[-3000:]

@@ -8,7 +8,8 @@ from hubodo.earth import STANDARD_GRAVITY
 from hubodo.flash.check_result import CheckResult, failed_check, passed_check, unknown_check
 from hubodo.flash.reception import Reception
 from hubodo.flash.wiring import describe_device
-from hubowire.messages import Board, Fault, Health, Hello, Part, ResetCause, node_name
+from hubodo.ingest.node.identity import part_name
+from hubowire.messages import Board, Fault, Health, Hello, ResetCause, node_name
 
 SAMPLE_RATE_TOLERANCE = 0.12
 """Relative tolerance of the sample rate: sensor oscillators vary by up to 10 %, plus measurement error."""
@@ -88,11 +89,7 @@ def _hello(reception: Reception, hello: Hello) -> CheckResult:
 
 def _sensor(hello: Hello, health: Health | None) -> CheckResult:
     faults = health.faults if health is not None else 0
-    parts = [(address, identity, part) for address, identity, part in hello.parts]
-    named = ", ".join(
-        f"{Part(part).name} at 0x{address:02X}" if part in set(Part) else describe_device(address, identity)
-        for address, identity, part in parts
-    )
+    named = ", ".join(_describe_part(*part) for part in hello.parts)
     if faults & Fault.BUS_STUCK:
         return failed_check("sensor", "a bus line is held low", "hubodo doctor PORT --repl shows which")
     if faults & Fault.WRONG_WHO_AM_I:
@@ -106,6 +103,13 @@ def _sensor(hello: Hello, health: Health | None) -> CheckResult:
             "sensor", f"{named}, but no samples", "power-cycle the board; then try another chip"
         )
     return passed_check("sensor", named)
+
+
+def _describe_part(address: int, who_am_i: int, number: int) -> str:
+    name = part_name(address, who_am_i, number)
+    if name == "unknown":
+        return describe_device(address, who_am_i)
+    return f"{name} at 0x{address:02X}" if address else f"{name} on SPI"
 
 
 def _power(hello: Hello, health: Health) -> CheckResult:

@@ -24,6 +24,7 @@ from hubodo.emulator.board.reset_registers import ResetCause
 from hubodo.emulator.board.schedule import EventSchedule
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Wiring
 from hubodo.emulator.board.sockets import BoardNetwork
+from hubodo.emulator.board.spi_sensor import SpiSensor
 from hubodo.emulator.board.streams import BoardStreams
 from hubodo.emulator.chips.faults import BrownOut, ScriptedFault, Unplug
 from hubodo.emulator.chips.registers import RegisterChip
@@ -62,6 +63,7 @@ class VirtualBoard:
         wait_for_host: bool = False,
         faults: Sequence[ScriptedFault] = (),
         radio: RadioModule | None = None,
+        spi_sensor: SpiSensor | None = None,
     ) -> None:
         self.running = False
         self.counts: Counter[str] = Counter()
@@ -97,6 +99,7 @@ class VirtualBoard:
             settings.battery_mv,
             self._network.is_radio_on,
             radio,
+            spi_sensor=spi_sensor,
             now=self._clock.now,
             counts=self.counts,
         )

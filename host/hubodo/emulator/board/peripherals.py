@@ -10,6 +10,7 @@ from typing import Protocol
 from hubodo.emulator.board.bus import I2cBus, Pins
 from hubodo.emulator.board.hypercall import ENODEV, Deferred, Handler, Op, Reply
 from hubodo.emulator.board.models import RADIO_SELECT_PIN, BoardModel
+from hubodo.emulator.board.spi_sensor import SpiSensor
 from hubodo.units import NS_PER_S
 
 RP2_ADC_PIN, RP2_CORE_TEMP = 26, 4
@@ -53,10 +54,11 @@ class Peripherals:
         radio_on: Callable[[], bool],
         radio: RadioPins | None = None,
         *,
+        spi_sensor: SpiSensor | None = None,
         now: Callable[[], float] = lambda: 0.0,
         counts: Counter[str] | None = None,
     ) -> None:
-        self._radio = radio
+        self._radio, self._spi_sensor = radio, spi_sensor
         self._now, self.counts = now, Counter() if counts is None else counts
         self._model, self._bus, self._battery_mv, self._radio_on = model, bus, battery_mv, radio_on
         self.pins = Pins(bus)
@@ -125,12 +127,17 @@ class Peripherals:
 
     def _pin_set(self, argument: int, payload: bytes, t: float) -> Reply:
         self.pins.set_level(t * 1e-9, argument, payload[0])
+        if self._spi_sensor is not None and argument == self._spi_sensor.select_pin:
+            self._spi_sensor.select(t * 1e-9, payload[0])
         if self._radio is not None:
             self._radio.set_pin(t, argument, payload[0])
         return Reply(t)
 
     def _spi_transfer(self, argument: int, payload: bytes, t: float) -> Reply:
-        received = bytes(len(payload)) if self._radio is None else self._radio.transfer(t, payload)
+        if self._spi_sensor is not None and self._spi_sensor.is_selected:
+            received = self._spi_sensor.transfer(t * 1e-9, payload)
+        else:
+            received = bytes(len(payload)) if self._radio is None else self._radio.transfer(t, payload)
         return Reply(t + len(payload) * SPI_BYTE_NS, len(received), received)
 
     def _espnow(self, argument: int, payload: bytes, t: float) -> Reply:

@@ -18,14 +18,17 @@ from hubodo.emulator.board.board import VirtualBoard
 from hubodo.emulator.board.hypercall import Op
 from hubodo.emulator.board.link import HostLink, LineNoise, MemoryLink, PtyLink
 from hubodo.emulator.board.models import MODELS
+from hubodo.emulator.board.peripherals import SPI_BYTE_NS
 from hubodo.emulator.board.radio import RadioModule
 from hubodo.emulator.board.radio_medium import RadioMedium
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host, SensorBoard
+from hubodo.emulator.board.spi_sensor import SpiSensor
 from hubodo.emulator.chips.catalogue import MAG_CHIPS, imu_by_name
 from hubodo.emulator.chips.faults import ScriptedFault, WrongWhoAmI
 from hubodo.emulator.chips.registers import RegisterChip
 from hubodo.emulator.motion import Motion
 from hubodo.errors import HubodoError
+from hubodo.units import NS_PER_S
 
 
 @dataclass(frozen=True)
@@ -60,17 +63,23 @@ def build_board(spec: NodeSpec) -> tuple[VirtualBoard, dict[str, RegisterChip]]:
     link: HostLink = (
         MemoryLink(host.script, host.read_pauses) if host.link == "memory" else PtyLink(host.path)
     )
+    on_i2c = list(chips.values())
+    spi_sensor = None
+    if sensors.select_pin is not None:
+        on_i2c.remove(imu)
+        spi_sensor = SpiSensor(imu, sensors.select_pin, SPI_BYTE_NS / NS_PER_S)
     board = VirtualBoard(
         spec.board,
         spec.clock,
         spec.flash,
-        list(chips.values()),
+        on_i2c,
         link,
         LineNoise(host.corrupt, host.lose, spec.seed),
         wiring=sensors.wiring,
         interrupts={} if sensors.interrupt_pin is None else {sensors.interrupt_pin: imu.interrupt_level},
         wait_for_host=host.wait,
         faults=spec.faults,
+        spi_sensor=spi_sensor,
         radio=None
         if spec.radio_medium is None
         else RadioModule(

@@ -50,6 +50,7 @@ class SensorBoard:
         supply.
     log : True to record every read of the bus.
     interrupt_pin : pin of the board that is wired to INT1 of the IMU, or None.
+    select_pin : pin of the board that is the chip select of an IMU on SPI; None: the IMU is on I2C.
     """
 
     chip: str = "lsm6ds33"
@@ -59,6 +60,7 @@ class SensorBoard:
     wiring: Wiring = "good"
     log: bool = False
     interrupt_pin: int | None = None
+    select_pin: int | None = None
 
 
 @dataclass(frozen=True)

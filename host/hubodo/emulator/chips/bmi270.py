@@ -63,6 +63,7 @@ class Bmi270(Imu):
     """
 
     chip_name = "bmi270"
+    SPI_DUMMY_BYTES = 1
 
     def __init__(self, motion: Motion, specimen: Specimen | None = None, *, address: int = 0x68) -> None:
         specimen = specimen or Specimen()
@@ -79,6 +80,7 @@ class Bmi270(Imu):
     def power_on(self, t: float) -> None:
         """Reset the registers at t, as power-up and soft reset do: the configuration is lost."""
         super().power_on(t)
+        self.spi_is_active = False
         self.clock.stop()
         self._sample, self._data_ready = bytes(12), 0
         self._fifo.clear()

@@ -50,6 +50,10 @@ class RegisterChip:
     """
 
     N_VALUES = 256
+    SPI_DUMMY_BYTES = 0
+    """Bytes that the chip sends on SPI before the first one of a read."""
+    spi_is_active = True
+    """False for a chip that turns to SPI when it is deselected for the first time."""
     companions: tuple[RegisterChip, ...] = ()
     """Further chips in the same package, with addresses of their own."""
 
@@ -77,6 +81,11 @@ class RegisterChip:
         self.writes: list[RegisterWrite] = []
         self.anomalies: Counter[str] = Counter()
         self.power_on(0.0)
+
+    @property
+    def identity_register(self) -> int:
+        """Sub-address of the identity register."""
+        return self._who_am_i[0]
 
     def power_on(self, t: float) -> None:
         """Set the registers to their power-on values at t."""

@@ -11,7 +11,10 @@ from hubowire.messages import Hello, Part
 
 def hello_metadata(hello: Hello) -> dict[str, str]:
     """Return the fields of a Hello as text for the log metadata."""
-    parts = [f"0x{at:02x} who_am_i 0x{who:02x} {_part_name(at, who, part)}" for at, who, part in hello.parts]
+    parts = [
+        f"{f'0x{at:02x}' if at else 'SPI'} who_am_i 0x{who:02x} {part_name(at, who, part)}"
+        for at, who, part in hello.parts
+    ]
     return {
         "fingerprint": f"{hello.fingerprint:08x}",
         "firmware": ".".join(map(str, hello.firmware)),
@@ -42,7 +45,8 @@ def code_name(codes: type[IntEnum], number: int) -> str:
     return codes(number).name.lower() if number in set(codes) else str(number)
 
 
-def _part_name(address: int, who_am_i: int, number: int) -> str:
+def part_name(address: int, who_am_i: int, number: int) -> str:
+    """Return the name of a chip of `Hello.parts`, or "unknown"."""
     if number in set(Part):
         return Part(number).name
     chip = IMU_BY_WHO_AM_I.get(who_am_i)

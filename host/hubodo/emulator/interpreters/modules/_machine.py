@@ -254,6 +254,11 @@ class SPI:
         _board.spi_to(self._id)
         _spi_out(out)
 
+    def readinto(self, into, write=0):
+        for i in range(len(into)):
+            into[i] = write
+        self.write_readinto(into, into)
+
 
 class SoftI2C(I2C):
     """A software I2C controller on any pins."""
