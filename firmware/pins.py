@@ -13,7 +13,7 @@ from wire import (
 )
 
 # battery: ADC pin, or -1; battery_factor: supply over ADC voltage; battery_enable: driven high to measure.
-# /config.json may add "wake", the pin that is wired to INT1 of the IMU, and "imu_csn", its chip select on SPI.
+# /config.json may add "wake", the pin wired to INT1 of the IMU, and "imu_csn", its chip select on SPI.
 _PICO_PINS = {
     "i2c": 0,
     "sda": 4,

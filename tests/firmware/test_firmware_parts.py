@@ -27,6 +27,7 @@ def reconfigure(who_am_i):
     fake._board = SimpleNamespace(i2c=FakeBus(who_am_i))
     fake._sampler = SimpleNamespace(end=lambda: actions.append("sampling ends"))
     fake.chip = SimpleNamespace(
+        i2c=fake._board.i2c,
         address=0x6B,
         WHO_AM_I_REGISTER=0x0F,
         who_am_i=0x69,
@@ -60,8 +61,8 @@ def parts_whose_bus_fails(who_am_i=0x69, free=True):
 
     board = SimpleNamespace(i2c="fresh", free_bus=lambda: actions.append("free") or free)
     fake._board, fake._sampler = board, SimpleNamespace(due_us=0)
-    fake.chip = SimpleNamespace(i2c="old", intact=intact)
-    fake.mag = SimpleNamespace(i2c="old")
+    fake.chip = SimpleNamespace(i2c="old", address=0x6B, intact=intact)
+    fake.mag = SimpleNamespace(i2c="old", address=0x1E)
     fake.i2c_errors = fake.recoveries = fake.faults = fake.failures = 0
     fake.paused = False
     fake._silent = lambda now: True
