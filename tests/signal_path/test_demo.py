@@ -121,6 +121,7 @@ def test_the_report_is_beside_the_page_with_the_warnings_of_info(demo):
     assert not any("/odom" in line or "/imu" in line for line in demo["warnings"])
 
 
+@pytest.mark.repeat
 def test_a_second_ride_is_the_first_bit_by_bit(tmp_path):
     scenario = replace(
         make_scenario(SEED, MOVING),

@@ -63,6 +63,7 @@ def test_while_a_receiver_stops_its_nodes_queue_frames_and_drop_the_oldest():
         assert recorded.signal(k).frames_lost == 0, "what was sent has come"
 
 
+@pytest.mark.repeat
 def test_a_host_that_does_not_read_costs_frames_that_receiver_and_nodes_count():
     """Except frames that the USB port drops itself after blocking the receiver for half a second."""
     recorded = ride(PacketFaults(), host_pauses=((0.8, 2.2),), seconds=3.6, cut=1)

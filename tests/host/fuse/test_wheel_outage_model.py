@@ -47,7 +47,7 @@ def simulate_free_motion(speed, yaw_rate, seconds, motion_sigmas, seed=1, runs=6
 
 @pytest.mark.parametrize(
     ("speed", "yaw_rate", "seconds", "step"),
-    [(1.2, 0.3, 3.0, 0.02), (1.2, -0.2, 12.0, 0.02), (0.0, 0.0, 100.0, 0.05)],
+    first_and_more((1.2, -0.2, 12.0, 0.02), (1.2, 0.3, 3.0, 0.02), (0.0, 0.0, 100.0, 0.05)),
 )
 def test_mean_and_covariance_equal_a_monte_carlo_simulation(speed, yaw_rate, seconds, step):
     motion_sigmas = vehicle_motion_sigmas(1.0)
@@ -227,7 +227,7 @@ def test_after_an_outage_sigma_covers_the_motion_of_a_vehicle(seeds, seconds, mi
         assert max(nees_values) < chi2.ppf(1.0 - 1e-4, 3)
 
 
-@pytest.mark.parametrize("pause", [0.9, *first_and_more(7200.0, 0.7, 2.5, 3 * 86400.0)])
+@pytest.mark.parametrize("pause", first_and_more(7200.0, 0.9, 0.7, 2.5, 3 * 86400.0))
 def test_a_pause_of_any_length_costs_no_cpu_time_and_live_equals_bulk_bit_by_bit(pause):
     """The heading is kept across the standstill; CPU time is the minimum per sample over up to three runs."""
     drive, _, end = paused_drive(SEED, pause, 24.0)

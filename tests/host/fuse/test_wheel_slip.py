@@ -69,7 +69,7 @@ def test_live_odometry_equals_bulk_bit_by_bit_across_a_rollback(lifted_run):
         assert getattr(track_from_poses(poses), field).tobytes() == getattr(run.track, field).tobytes(), field
 
 
-@pytest.mark.parametrize("lag", [8.0, np.inf])
+@pytest.mark.parametrize("lag", first_and_more(8.0, np.inf))
 def test_smoothing_uses_the_speeds_before_and_after_a_lift(lifted_run, lag):
     """The largest sigma falls below 0.3 of the forward filter's and covers the error."""
     drive, names, start, run = lifted_run
@@ -104,6 +104,7 @@ def test_carelessly_measured_wheels_are_still_used_as_one_axle():
         assert result.false == 0 and result.error < 2.0, (seed, result)
 
 
+@pytest.mark.repeat
 def test_no_slip_is_detected_on_real_drives():
     wanted.recording("car")
     alarms = count_real_alarms()

@@ -67,6 +67,7 @@ def test_only_the_wheel_radius_is_found_if_the_model_declares_clock_noise(late_c
     )
 
 
+@pytest.mark.repeat
 def test_delays_are_found_if_the_model_declares_no_clock_noise(late_clock_case, tmp_path):
     folder, _ = late_clock_case
     run = run_gap(tmp_path / "out", folder / "case" / "model.toml", folder / "log")
