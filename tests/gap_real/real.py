@@ -4,6 +4,8 @@
 
 A model is learnt on each drive from the geometry and the noise of the vehicle alone. With it `gap` judges the
 other drive as recorded, and with each effect in the samples of one node. The trivial baseline names nothing.
+The clocks of two nodes differ in a drive as recorded: an injected offset or skew counts beyond the value that
+a fit to the drive as recorded gives.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -26,13 +28,20 @@ from car import CAR, MAX_ERROR_SHARE, MAX_ERROR_SIGMA, read_drive  # noqa: E402
 from sample_effects import Injection, injections  # noqa: E402
 from two_drives import compare_pairs  # noqa: E402
 
+from hubodo.effects import BY_NAME  # noqa: E402
 from hubodo.gap.explain.missing_effects import MissingEffects  # noqa: E402
 from hubodo.gap.explain.result import Finding  # noqa: E402
+from hubodo.gap.judge.search import build_initial_state  # noqa: E402
+from hubodo.gap.problem.build import build_problem  # noqa: E402
+from hubodo.gap.refit.refit import refit_with_weights  # noqa: E402
+from hubodo.gap.state.terms import ModelTerm  # noqa: E402
 from hubodo.gap.workflow import find_gap  # noqa: E402
-from hubodo.model.model_file import read_model, write_model  # noqa: E402
+from hubodo.model.model_file import Model, read_model, write_model  # noqa: E402
+from hubodo.recording import Recording  # noqa: E402
 
 DRIVES = ("drive-1", "drive-2")
 HIGH_CONFIDENCE = 0.9
+CLOCK_EFFECTS = ("time_offset", "clock_skew")
 
 
 @dataclass(frozen=True)
@@ -93,7 +102,8 @@ def learn(drive: str, folder: Path) -> MissingEffects:
 def run_case(case: Case, folder: Path, seed: int) -> Row:
     """Judge a drive with the model of the other one."""
     recording, model = read_drive(case.drive), read_model(folder / f"{case.learnt_on}.toml")
-    injection = None
+    injection: Injection | None = None
+    recorded: Mapping[str, float] = {}
     if case.effect:
         top_rate = max(float(np.abs(recording.nodes[name]["gz"]).max()) for name in ("left", "right"))
         injection = next(
@@ -102,6 +112,7 @@ def run_case(case: Case, folder: Path, seed: int) -> Row:
             if (one.effect, one.strength) == (case.effect, case.strength)
         )
         recording = injection.apply(recording, case.node, seed)
+        recorded = measure_recorded(read_drive(case.drive), model, case.effect, case.node)
     start = time.monotonic()
     result = find_gap(recording, model)
     right = [] if injection is None else [one for one in result.found if _is_right(one, injection, case.node)]
@@ -110,7 +121,7 @@ def run_case(case: Case, folder: Path, seed: int) -> Row:
     return Row(
         case,
         bool(right),
-        injection is not None and any(_is_accurate(one, injection) for one in right),
+        injection is not None and any(_is_accurate(one, injection, recorded) for one in right),
         tuple(f"{one.effect}/{one.scope}" for one in others),
         sum(one in right for one in sure),
         len(sure),
@@ -121,17 +132,30 @@ def run_case(case: Case, folder: Path, seed: int) -> Row:
     )
 
 
+def measure_recorded(drive: Recording, model: Model, effect: str, node: str) -> Mapping[str, float]:
+    """Return the error of a node's clock in a drive as recorded, by a fit beside the effects of the model.
+
+    Empty for other effects.
+    """
+    if effect not in CLOCK_EFFECTS:
+        return {}
+    state = build_initial_state(build_problem(drive, model))
+    fit = refit_with_weights(state.with_term(ModelTerm(BY_NAME[effect](), node)))
+    return next(term.effect.values() for term in fit.state.terms if term.key == (effect, node))
+
+
 def _is_right(finding: Finding, injection: Injection, node: str) -> bool:
     return finding.effect == injection.effect and finding.scope == node
 
 
-def _is_accurate(finding: Finding, injection: Injection) -> bool:
+def _is_accurate(finding: Finding, injection: Injection, recorded: Mapping[str, float]) -> bool:
     size = max(abs(value) for value in injection.parameters.values())
     for name, injected in injection.parameters.items():
         estimate = finding.parameters.get(name)
         if estimate is None:
             return False
-        error = abs(estimate.value - (estimate.model_value or 0.0) - injected)
+        expected = (estimate.model_value or recorded.get(name, 0.0)) + injected
+        error = abs(estimate.value - expected)
         tolerance = MAX_ERROR_SHARE * (abs(injected) if len(injection.parameters) == 1 else size)
         if error > max(tolerance, MAX_ERROR_SIGMA * (estimate.sigma or 0.0)) and name != "time_constant":
             return False

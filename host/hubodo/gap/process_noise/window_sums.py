@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from hubodo.arrays import Array
 
@@ -210,11 +209,14 @@ def winsorise(z: Array, limits: Array | None = None) -> Array:
     that explains it, and a fit would end far from its minimum.
     """
     bound = winsor_limits(z) if limits is None else limits
-    is_large = np.abs(z) > bound
-    if not is_large.any():
+    rows, samples = np.nonzero(np.abs(z) > bound)
+    if not len(rows):
         return z
-    neighbours = median_filter(z, size=(1, 5), mode="nearest")
-    return np.where(is_large, neighbours + np.clip(z - neighbours, -bound, bound), z)
+    window = np.clip(samples[:, None] + np.arange(-2, 3), 0, z.shape[1] - 1)
+    neighbours, limit = np.sort(z[rows[:, None], window], axis=1)[:, 2], bound[rows, 0]
+    limited = z.copy()
+    limited[rows, samples] = neighbours + np.clip(z[rows, samples] - neighbours, -limit, limit)
+    return limited
 
 
 def winsor_limits(z: Array) -> Array:

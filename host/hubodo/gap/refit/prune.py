@@ -16,7 +16,7 @@ from hubodo.gap.refit.refit import Refit, refit
 from hubodo.gap.state.terms import ModelTerm, terms_of_model
 
 # Total loss in ln likelihood that pruning may cost, in sigma due to a noise level that varies along the
-# drive, in the channels that the pruned coordinate changes.
+# drive.
 _MAX_LOSS_LEVEL_SIGMAS = 0.3
 # Largest ratio of the gap after pruning to that before it.
 _MAX_GAP_RATIO = 1.01
@@ -31,9 +31,9 @@ def prune_coordinates(fit: Refit) -> Refit:
     least (backward elimination).
     """
     candidates, at_limit = _list_candidates(fit, fit.free_terms)
-    if not candidates or fit.tempering <= 1.0:
+    budget = _max_loss(fit, fit.tempering) * _channel_doubts(fit)
+    if not budget[candidates].any():
         return fit
-    budget = _max_losses(fit, fit.tempering)
     pruned, _loss = _eliminate(candidates, at_limit, fit.covariance, _relative_coordinates(fit), budget)
     max_gap = _MAX_GAP_RATIO * compute_gap(fit.without_cache().evaluation.residuals)
     for selected in (pruned, [k for k in pruned if k in at_limit]):
@@ -51,20 +51,27 @@ def count_determined(fit: Refit, term: ModelTerm, tempering: float) -> tuple[int
     tempering: factor by which correlated residuals exaggerate likelihoods
     """
     candidates, at_limit = _list_candidates(fit, [term])
-    if not candidates:
-        return len(term.effect.coordinates()), 0.0
-    budget = _max_losses(fit, tempering)
+    budget = np.full(len(fit.covariance), _max_loss(fit, tempering))
     pruned, loss = _eliminate(candidates, at_limit, fit.covariance, _relative_coordinates(fit), budget)
     return len(term.effect.coordinates()) - len(pruned), loss
 
 
-def _max_losses(fit: Refit, tempering: float) -> Array:
-    """Return the largest loss in ln likelihood that pruning may cost up to each coordinate, (K,)."""
+def _max_loss(fit: Refit, tempering: float) -> float:
+    """Return the largest loss in ln likelihood that pruning may cost."""
+    return 0.5 * _MAX_LOSS_LEVEL_SIGMAS * fit.fold_deviances.level_scatter * (1.0 - 1.0 / tempering)
+
+
+def _channel_doubts(fit: Refit) -> Array:
+    """Return the share of each coordinate, (K,), in the doubt about the level of the noise.
+
+    A bias of an accelerometer is not in doubt because a gyro slips in turns: only the channels count that the
+    coordinate changes.
+    """
     assert fit.channel_shares is not None
     evaluation = fit.without_cache().evaluation
     squares, samples = sum_folds(evaluation.squares_per_block()), sum_folds(evaluation.samples_per_block())
     scatter = [compute_level_scatter(squares @ share, samples @ share) for share in fit.channel_shares]
-    return 0.5 * _MAX_LOSS_LEVEL_SIGMAS * (1.0 - 1.0 / tempering) * np.array(scatter)
+    return np.minimum(np.array(scatter) / max(fit.fold_deviances.level_scatter, 1e-300), 1.0)
 
 
 def _eliminate(
