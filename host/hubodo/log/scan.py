@@ -25,6 +25,7 @@ from hubodo.log.chunk_reader import ChunkLocation
 from hubodo.log.descriptor import pread
 from hubodo.log.input_limits import READ_BLOCK_BYTES, MemoryBudget, max_expanded_bytes, open_regular
 from hubodo.log.mcap_file import MAGIC
+from hubodo.spelling import suggest_file
 
 _MAX_RECORD_BYTES = 1 << 28
 _MAX_UNCHUNKED_RUN_BYTES = 1 << 22
@@ -106,7 +107,9 @@ def scan_file(path: Path, *, lenient: bool = False) -> FileScan:
     except IsADirectoryError:
         raise LogError(f"{path}: is a folder, and an MCAP file is due here; name the file") from None
     except OSError as error:
-        raise LogError(f"{path}: cannot be read ({error.strerror}); check the path and its rights") from error
+        raise LogError(
+            f"{path}: cannot be read ({error.strerror}); check the path and its rights{suggest_file(path)}"
+        ) from error
 
 
 class _Scanner:

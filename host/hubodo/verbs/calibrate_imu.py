@@ -29,7 +29,7 @@ from hubodo.sensors.imu.page import format_held_out, imu_sections, imu_verdict
 from hubodo.sensors.imu.result import ImuCalibration
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, stated_input_format
 from hubodo.verbs.numbers import latitude, positive_number
-from hubodo.verbs.outputs import add_force_option
+from hubodo.verbs.outputs import add_force_option, html_path
 
 HELP = "bias, scale and cross-axis terms of accelerometer and gyro, from nine or more static poses"
 EXAMPLE = "hubodo calibrate imu poses.mcap --node left --gravity 9.81744 -o calibration.toml"
@@ -64,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="shortest standstill that counts as a pose, s (default 1)",
     )
     parser.add_argument(
-        "--report", type=Path, metavar="HTML", help="write a page with poses, parameters and residuals"
+        "--report", type=html_path, metavar="HTML", help="write a page with poses, parameters and residuals"
     )
     add_force_option(parser, "report")
     parser.add_argument(

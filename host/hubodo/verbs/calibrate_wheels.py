@@ -34,9 +34,15 @@ from hubodo.log.roles import NODES_ROLE
 from hubodo.log.units import check_units
 from hubodo.recording import Recording
 from hubodo.vehicle import Vehicle, load_vehicle
-from hubodo.verbs.log_options import LOG_HELP, VEHICLE_HELP, add_log_options, stated_input_format
+from hubodo.verbs.log_options import (
+    LOG_HELP,
+    VEHICLE_HELP,
+    add_log_options,
+    stated_input_format,
+    stored_vehicle,
+)
 from hubodo.verbs.numbers import bounded_number
-from hubodo.verbs.outputs import add_force_option
+from hubodo.verbs.outputs import add_force_option, html_path
 
 HELP = "wheel radius, lever arm, spin-axis tilt, biases, scales and track, from a drive with truth or GNSS"
 EXAMPLE = "hubodo calibrate wheels drive.mcap --vehicle vehicle.toml -o calibration.toml"
@@ -55,7 +61,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `hubodo calibrate wheels`."""
     parser.add_argument("log", type=Path, metavar="LOG", help=LOG_HELP)
     add_log_options(parser)
-    parser.add_argument("--vehicle", type=Path, required=True, metavar="TOML", help=VEHICLE_HELP)
+    parser.add_argument(
+        "--vehicle",
+        type=Path,
+        metavar="TOML",
+        help=f"{VEHICLE_HELP}; default: the vehicle that the log carries",
+    )
     parser.add_argument(
         "-o",
         "--output",
@@ -77,7 +88,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             help=f"prior of {quantity}, relative, 1σ (default %(default)s)",
         )
     parser.add_argument(
-        "--report", type=Path, metavar="HTML", help="write a page with held-out errors and parameters"
+        "--report", type=html_path, metavar="HTML", help="write a page with held-out errors and parameters"
     )
     add_force_option(parser, "report")
 
@@ -95,7 +106,7 @@ def run(args: argparse.Namespace) -> WheelCalibration:
     InputError
         If the log has neither truth nor GNSS, or no node of the vehicle file.
     """
-    vehicle = load_vehicle(args.vehicle)
+    vehicle = stored_vehicle(args.log) if args.vehicle is None else load_vehicle(args.vehicle)
     recording = read_log(
         args.log, input_format=stated_input_format(args, vehicle, needed=(NODES_ROLE, "gnss"))
     )

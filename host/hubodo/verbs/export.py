@@ -10,6 +10,7 @@ from typing import Any
 from rich.console import Console
 
 from hubodo.atomic_files import write_atomically
+from hubodo.errors import InputError
 from hubodo.log.any_log import open_as_mcap, read_log
 from hubodo.log.csv_folder import write_folder
 from hubodo.log.logfile import open_log
@@ -113,9 +114,14 @@ def run(args: argparse.Namespace) -> ExportResult:
         If the log cannot be read or the folder exists.
     """
     vehicle = None if args.vehicle is None else load_vehicle(args.vehicle)
+    suffix = args.output.suffix.removeprefix(".").lower()
     if args.format is None:
-        suffix = args.output.suffix.removeprefix(".").lower()
         args.format = suffix if suffix in TRACK_FORMATS else "csv"
+    if args.format == "csv" and suffix in ("csv", "txt"):
+        raise InputError(
+            f"-o {args.output}: a folder of CSV files is written, one for each node; name a folder, or for "
+            f"the track a file that ends in {', '.join('.' + it for it in TRACK_FORMATS)}, or give --format"
+        )
     if args.format in TRACK_FORMATS:
         return _export_track(args, stated_input_format(args, vehicle))
     if args.format == "rosbag2":
@@ -131,9 +137,12 @@ def run(args: argparse.Namespace) -> ExportResult:
 
 def _export_track(args: argparse.Namespace, form: InputFormat) -> ExportResult:
     # Imported here: other exports need no odometry.
+    from hubodo.fuse.fusion import RESULT_FILES
     from hubodo.fuse.track_files import TRACK_WRITERS, is_fused, live_track, read_fused_track
 
     origin = tuple(args.origin) if args.origin else None
+    if args.log.name == RESULT_FILES[0] and is_fused(args.log.parent):
+        args.log = args.log.parent
     if is_fused(args.log):
         track = read_fused_track(args.log, origin)
     else:

@@ -11,6 +11,7 @@ from pathlib import Path
 from hubodo.errors import InputError
 from hubodo.log.number_recording import IMU_CHANNELS, InputFormat
 from hubodo.log.roles import ALL_ROLES, NODES_ROLE, ROLE_TYPES, TopicSelection
+from hubodo.log.units import sensor_of_unit
 from hubodo.recording import Recording
 from hubodo.spelling import suggest_spelling
 from hubodo.vehicle import Vehicle, load_vehicle
@@ -117,7 +118,7 @@ def stated_input_format(
     channel = getattr(args, "channel", None) or "gz"
     form = InputFormat(
         args.rate,
-        tuple(args.unit),
+        split_units(args.unit),
         columns,
         args.variable,
         channel,
@@ -133,6 +134,15 @@ def stated_input_format(
             f"--unit {', '.join(form.units)}: at most one for the gyro and one for the accelerometer"
         )
     return form
+
+
+def split_units(texts: Iterable[str]) -> tuple[str, ...]:
+    """Return the units of --unit; one text may hold several, such as `rad/s,m/s^2`."""
+    units: list[str] = []
+    for text in texts:
+        parts = text.split(",")
+        units += parts if all(map(sensor_of_unit, parts)) else [text]
+    return tuple(units)
 
 
 def channel_numbers(option: str, texts: Iterable[str]) -> dict[str, float]:

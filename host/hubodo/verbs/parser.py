@@ -32,9 +32,25 @@ _SYNONYMS: dict[str, tuple[str, ...]] = {
     "--duration": ("--moving {}",),
     "--port": ("--at 127.0.0.1:{}",),
     "--verbose": ("--debug",),
-    "-v": ("--version", "--debug"),
+    "-v": ("--vehicle TOML", "--version", "--debug"),
+    "-n": ("--node {}",),
+    "-r": ("--rate {}", "--report {}"),
 }
 """Option that people try: the options that do it in the verbs, with how its value is written there."""
+
+
+_VERB_SYNONYMS = {
+    "convert": (("import", "export"),),
+    "plot": (("report",),),
+    "view": (("report", "serve"),),
+    "show": (("report", "serve"), ("check",)),
+    "open": (("report", "serve"),),
+    "replay": (("play",),),
+    "run": (("record",),),
+    "odometry": (("fuse",),),
+    "odom": (("fuse",),),
+}
+"""Verb or kind that people try: those that do it, of which the first group applies that the parser has."""
 
 
 class UsageError(SystemExit):
@@ -64,6 +80,8 @@ class Parser(argparse.ArgumentParser):
                 message = _describe_unknown(
                     self, argparse.Namespace(), self._words[self._words.index(unknown[0]) :]
                 )
+            else:
+                message += "".join(map(_list_choices, self._actions))
         line = " ".join(message.split())
         raise UsageError(f"{self.prog}: {line}; see {self.prog} --help")
 
@@ -103,12 +121,23 @@ class Parser(argparse.ArgumentParser):
         if action.choices is None or value in action.choices:
             return
         choices = [str(choice) for choice in action.choices]
-        text = f"unknown {value!r}{suggest_spelling(str(value), choices)}"
+        meant = next(
+            (verbs for verbs in _VERB_SYNONYMS.get(str(value), ()) if set(verbs) <= set(choices)), None
+        )
+        nearest = f", write {' or '.join(meant)}" if meant else suggest_spelling(str(value), choices)
+        text = f"unknown {value!r}{nearest}"
         if len(choices) <= _MAX_LISTED_CHOICES:
             text += f"; choose from {', '.join(choices)}"
         if not action.option_strings and any(word in choices for word in self._words):
             text += "; check the order of the arguments"
         raise argparse.ArgumentError(action, text)
+
+
+def _list_choices(action: argparse.Action) -> str:
+    """Return the choices of a required argument that has no option, such as the kind of `hubodo vehicle`."""
+    if action.option_strings or not action.choices or len(list(action.choices)) > _MAX_LISTED_CHOICES:
+        return ""
+    return f"; choose from {', '.join(map(str, action.choices))}"
 
 
 def _innermost_parser(parser: argparse.ArgumentParser, parsed: argparse.Namespace) -> argparse.ArgumentParser:
@@ -157,6 +186,8 @@ def _suggest_order(known: Sequence[str], parsed: argparse.Namespace, extra: str)
     log = str(getattr(parsed, "log", getattr(parsed, "source", "")))
     if "--vehicle" in known and log.endswith(".toml") and getattr(parsed, "vehicle", None) is None:
         return f": {log} is no log, write {extra} --vehicle {log}"
-    if log and Path(extra).exists():
+    if "--vehicle" in known and extra.endswith(".toml") and getattr(parsed, "vehicle", None) is None:
+        return f", write --vehicle {extra}"
+    if log and (Path(extra).exists() or extra.endswith((".csv", ".mcap"))):
         return "; one log at a time: `hubodo batch` takes several, `hubodo import FOLDER` joins one drive"
     return ""

@@ -22,7 +22,7 @@ from hubodo.report.log_page import log_page
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, stated_input_format
 from hubodo.verbs.numbers import positive_number
-from hubodo.verbs.outputs import add_force_option
+from hubodo.verbs.outputs import add_force_option, html_path
 
 EXAMPLE = "hubodo report drive.mcap --vehicle vehicle.toml -o report.html"
 
@@ -72,7 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `hubodo report`."""
     parser.add_argument("log", type=Path, metavar="LOG", help=LOG_HELP)
     add_log_options(parser)
-    parser.add_argument("-o", "--output", type=Path, default=Path("report.html"), metavar="HTML")
+    parser.add_argument("-o", "--output", type=html_path, default=Path("report.html"), metavar="HTML")
     parser.add_argument(
         "--vehicle", type=Path, metavar="TOML", help="vehicle file to use instead of that in the log"
     )

@@ -14,9 +14,9 @@ from hubodo.pages.drawing import parse_drawing_path
 from hubodo.progress import progress_line
 from hubodo.recording import Recording
 from hubodo.sensors.standstill_channel import IMU_CHANNELS, StandstillRecord, read_standstill_channel
-from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_nodes, stated_input_format
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_nodes, split_units, stated_input_format
 from hubodo.verbs.numbers import bounded_number
-from hubodo.verbs.outputs import add_force_option
+from hubodo.verbs.outputs import add_force_option, html_path
 
 _DEFAULT_FORM = InputFormat()
 
@@ -43,7 +43,7 @@ def add_selection_arguments(parser: argparse.ArgumentParser) -> None:
 def add_page_options(parser: argparse.ArgumentParser, figure_help: str, *outputs: str) -> None:
     """Add --figure, --report and --force; outputs: further options of files that --force replaces."""
     parser.add_argument("--figure", type=parse_drawing_path, metavar="PNG", help=figure_help)
-    parser.add_argument("--report", type=Path, metavar="HTML", help="write a self-contained page")
+    parser.add_argument("--report", type=html_path, metavar="HTML", help="write a self-contained page")
     add_force_option(parser, "figure", "report", *outputs)
 
 
@@ -68,7 +68,7 @@ def select_standstill(
         start=args.start,
         end=args.end,
         trust_units=args.trust_units,
-        stated_units=frozenset(si_factor(unit)[0] for unit in args.unit),
+        stated_units=frozenset(si_factor(unit)[0] for unit in split_units(args.unit)),
         trust_still=args.trust_still,
         cut_disturbances=cut,
     )

@@ -136,7 +136,7 @@ def test_a_missing_effect_is_listed_with_its_vehicles_and_its_first_week():
     assert share.shape == (VEHICLES, WEEKS)
     assert share.loc["van-2"].tolist() == [0.0] * 9 + [1.0] * (WEEKS - 9)
     page = build_fleet_page(table)
-    assert "wheel_camber in 1, wheel_radius in 1" in page and page.count("<svg") >= 2
+    assert "wheel_camber in 1, wheel_radius in 1" in page and page.count('class="on-wide"') >= 2
     cells = re.sub("<td[^>]*>", "<td>", page)
     assert f"<td>{WEEKS - 9} of {WEEKS}</td><td>2026-08-03</td>" in cells
     assert f"<td>2 of {WEEKS}</td><td></td>" in cells

@@ -47,7 +47,10 @@ def test_odometry_arrives_reliably_in_order_and_equal_to_the_log(ride):
     log = read_recording(folder / "ride.mcap")
     stamps = np.array([stamp_ns(message) for message in received])
     assert len(received) > 250 and np.all(np.diff(stamps) > 0)
-    rows = np.searchsorted(np.round(log.odometry["t"] * 1e9).astype(np.int64) + log.t_zero_ns, stamps - 500)
+    logged = np.round(log.odometry["t"] * 1e9).astype(np.int64) + log.t_zero_ns
+    # Poses may be 1 ns apart: on a starved computer a node's clock was estimated too late at first.
+    rows = np.searchsorted(logged, stamps)
+    assert np.array_equal(logged[rows], stamps)
     for name, axis in (("x", "x"), ("y", "y")):
         sent = [message["pose"]["pose"]["position"][axis] for message in received]
         np.testing.assert_allclose(sent, log.odometry[name][rows], rtol=0, atol=1e-12)

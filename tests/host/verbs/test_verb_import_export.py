@@ -110,6 +110,20 @@ def test_a_fused_track_is_exported_with_the_origin_of_its_fixes(tmp_path: Path, 
     command = ["export", str(tmp_path / "out"), "--format", "geojson", "-o", str(tmp_path / "a.geojson")]
     assert main([*command, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["rows"] == {"track": 2}
+    by_file = main(
+        [
+            str(word)
+            for word in (
+                "export",
+                tmp_path / "out" / "track.csv",
+                "--format",
+                "tum",
+                "-o",
+                tmp_path / "tum.txt",
+            )
+        ]
+    )
+    assert (by_file, len((tmp_path / "tum.txt").read_text().splitlines())) == (0, 2)
     (feature,) = json.loads((tmp_path / "a.geojson").read_text())["features"]
     assert feature["geometry"]["coordinates"][0] == [8.0, 47.0]
     # 100 m to the east at 47 degrees north.

@@ -81,7 +81,7 @@ def test_the_report_of_a_drive_shows_its_error_and_names_missing_data(tmp_path):
     # The page is self-contained and loads nothing.
     assert not re.search(r'(?:src|href)="(?:https?:)?//', page) and "<script" not in page
     assert result.size < 1_000_000
-    assert page.count("<svg") >= 2, "one figure for the path, one for the speed"
+    assert page.count('class="on-wide"') >= 2, "one figure for the path, one for the speed"
     assert "heading, °" in page and "odometry" in page and "truth" in page
     for heading in ("Findings", "Gaps and losses", "Drive", "Not available from this log"):
         assert f"<h2>{heading}" in page

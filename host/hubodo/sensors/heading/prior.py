@@ -17,6 +17,7 @@ from hubodo.effects.warmup import WarmupModel
 from hubodo.errors import InputError
 from hubodo.fuse.heading_filter import BiasNoise
 
+_MIN_GRAVITY = 5.0  # m/s², median of the magnitude
 _MAX_TILT, _WARN_TILT = math.radians(30.0), math.radians(3.0)
 
 
@@ -24,7 +25,7 @@ def axis_direction(accel: Array, axis: str) -> tuple[float, str]:
     """Return +1 if the axis points up or -1 if it points down, and a remark for the user or "".
 
     accel: (N, 3) m/s². axis: "x", "y" or "z". Raises InputError if the axis is tilted by more than 30
-    degrees.
+    degrees, or rotates about a horizontal line.
     """
     if not np.isfinite(accel).all():
         return 1.0, f"without accelerometer {axis} is assumed to point upwards"
@@ -32,6 +33,11 @@ def axis_direction(accel: Array, axis: str) -> tuple[float, str]:
     parameters = float(np.linalg.norm(force))
     axis_force = float(force["xyz".index(axis)])
     if parameters < 1.0:
+        if np.median(np.linalg.norm(accel, axis=1)) > _MIN_GRAVITY:
+            raise InputError(
+                "gravity rotates in its axes, as on a wheel: its angle is not the heading of the vehicle; "
+                "choose a node on the body with --node, or use hubodo fuse"
+            )
         return 1.0, f"the accelerometer shows no gravity: {axis} is assumed to point upwards"
     tilt = math.acos(min(1.0, abs(axis_force) / parameters))
     if tilt > _MAX_TILT:

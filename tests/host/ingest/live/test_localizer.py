@@ -26,6 +26,7 @@ from hubodo.log.recording_reader import open_log, read_recording
 from in_process import hubodo
 
 SEED = 6
+MAX_SECONDS = 300.0  # until the queue of a thread is empty, on a busy computer
 ORIGIN = (47.37, 8.54)
 START_HEADING = 2.0
 """Heading of the vehicle on the map at the start, in rad from east; odometry headings start at 0."""
@@ -198,7 +199,7 @@ def test_the_thread_returns_the_poses_of_the_localizer_bit_by_bit_and_ends_with_
         pose = localizer.add_fix(item) if isinstance(item, FixSample) else localizer.add_pose(item)
         if pose is not None:
             expected.append((number, pose))
-    assert thread.close()
+    assert thread.close(MAX_SECONDS)
     assert len(answers) == len(expected) > 50
     for answer, (number, pose) in zip(answers, expected, strict=True):
         assert answer.arrived_ns == number
@@ -212,7 +213,7 @@ def test_a_stopped_thread_drops_its_queue():
     for item in straight_drive(40.0):
         thread.put(item, 0)
     thread.stop()
-    assert thread.close()
+    assert thread.close(MAX_SECONDS)
     assert len(answers) < 300
 
 
@@ -231,7 +232,7 @@ def test_a_graph_that_fails_is_reported_and_replaced_by_one_in_the_same_map_fram
     thread = LocalizerThread(0, answers.append, bulkheads=bulkheads)
     for item in straight_drive(60.0):
         thread.put(item, 0)
-    assert thread.close()
+    assert thread.close(MAX_SECONDS)
     assert bulkheads.fault_counts() == {"map": 1}
     assert "indeterminate system" in bulkheads.due_reports()[0].text
     located = [answer.pose for answer in answers if answer.pose is not None]

@@ -1,0 +1,15 @@
+"""Suggestions for misspelt names of files."""
+
+from pathlib import Path
+
+from hubodo.spelling import suggest_file
+
+
+def test_a_missing_file_is_answered_by_the_one_that_was_meant(tmp_path: Path) -> None:
+    for name in ("drive.mcap", "night.mcap", "notes.txt"):
+        (tmp_path / name).touch()
+    for missing in ("drive", "drive.csv"):
+        assert suggest_file(tmp_path / missing) == f", did you mean {str(tmp_path / 'drive.mcap')!r}?"
+    assert suggest_file(tmp_path / "nihgt.mcap") == ", did you mean 'night.mcap'?"
+    assert suggest_file(tmp_path / "xyz") == suggest_file(tmp_path / "none" / "a.mcap") == ""
+    assert suggest_file(tmp_path / "drive.mcap") == "", "an existing file that cannot be read"
