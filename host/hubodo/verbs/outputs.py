@@ -13,16 +13,14 @@ from typing import Any
 from hubodo.errors import InputError
 
 _OUTPUT_DESTINATIONS = "output_destinations"
-_OTHER_PAGE_SUFFIXES = (".pdf", ".png", ".jpg", ".svg", ".md", ".txt", ".csv", ".json", ".docx")
+_PAGE_SUFFIXES = (".html", ".htm")
 _TABLE_SUFFIXES = (".csv", ".gz", ".parquet", ".mcap", ".db3", ".yaml")
 """Suffixes of the files in a folder that `export` and `simulate` write; no other folder is replaced."""
 
 
 def html_path(text: str) -> Path:
-    """Parse the value of an option that names a page; refuse a name of another format."""
-    if not text:
-        raise argparse.ArgumentTypeError("is empty; name a file")
-    if Path(text).suffix.lower() in _OTHER_PAGE_SUFFIXES:
+    """Parse the value of an option that names a page; refuse one that does not end in .html."""
+    if Path(text).suffix.lower() not in _PAGE_SUFFIXES:
         raise argparse.ArgumentTypeError(
             f"{text}: a page is HTML; name a file that ends in .html (browsers print it as PDF)"
         )
