@@ -21,6 +21,7 @@ from hubodo.log.csv_folder import read_folder, write_folder
 from hubodo.log.recording_reader import read_recording
 from hubodo.log.recording_writer import write_recording
 from hubodo.log.timebase import to_ns, to_seconds
+from repetitions import first_and_more
 
 NODE = ["t", "gx", "gy", "gz", "ax", "ay", "az"]
 FILES = {
@@ -111,7 +112,7 @@ def test_import_then_export_gives_back_every_number_of_every_column(
             assert bits(returned[column]) == bits(values), (name, column)
 
 
-@pytest.mark.parametrize("name", ["wheelchair", "multipose"])
+@pytest.mark.parametrize("name", first_and_more("wheelchair", "multipose"))
 def test_import_and_export_preserve_every_number_of_a_real_recording(name: str, tmp_path: Path) -> None:
     folder = wanted.recording(name)
     write_recording(read_folder(folder), tmp_path / "log.mcap")
