@@ -40,10 +40,11 @@ def test_an_effect_outside_the_vocabulary_is_scaffolded_and_found_again_by_its_n
     assert max(map(abs, score.normalised_errors)) < 3.0, score.normalised_errors
 
 
-def test_no_effect_is_scaffolded_from_a_log_that_the_vocabulary_explains(tmp_path):
-    write_case(
-        tmp_path / "case", SEED, ["gyro_nonorthogonality"], "strong", duration=DURATION, rate_hz=RATE_HZ
-    )
+@pytest.mark.parametrize(
+    "name", first_and_more("gyro_nonorthogonality", "lever_arm", "node_misalignment", "clock_skew")
+)
+def test_no_effect_is_scaffolded_from_a_log_that_the_vocabulary_explains(name, tmp_path):
+    write_case(tmp_path / "case", SEED, [name], "strong", duration=DURATION, rate_hz=RATE_HZ)
     assert scaffold_log(tmp_path / "case", "nothing") is None
 
 
