@@ -39,7 +39,7 @@ details { margin-top: 1rem; border-top: 1px solid var(--line); } details h2 { ma
 summary { cursor: pointer; padding: 0.5rem 0; } summary h2 { display: inline; margin: 0; }
 @media (max-width: 40rem) { body { margin: 1rem auto; } table { font-size: 0.85rem; }
   th, td { padding-right: 0.6rem; }
-  .on-wide { display: none; }
+  .on-wide, .modebar { display: none; }
   table.wide, table.wide tbody { display: block; } table.wide thead { display: none; }
   table.wide tr { display: flex; flex-wrap: wrap; gap: 0 0.9rem; padding: 0.35rem 0;
     border-bottom: 1px solid var(--line); }
@@ -61,8 +61,18 @@ pre { font-size: 0.85rem; border: 1px solid var(--line); border-radius: 6px; pad
   overflow-x: auto; }
 """
 _DARK_VARIABLES = " ".join(f"--c{light}: {dark};" for light, dark in DARK_COLOURS.items())
-_DARK_PLOTLY = """
-<script>if (matchMedia("(prefers-color-scheme: dark)").matches) {
+_ADAPT_PLOTLY = """
+<script>if (matchMedia("(max-width: 40rem)").matches) {
+  const look = { "legend.yanchor": "bottom", "legend.y": 1.02, "font.size": 10 };
+  Object.assign(look, { "margin.l": 48, "margin.r": 8 });
+  document.querySelectorAll(".plotly-graph-div").forEach((plot) => {
+    for (const axis of Object.keys(plot.layout).filter((name) => /^[xy]axis/.test(name))) {
+      look[axis + ".title.font.size"] = 10;
+    }
+    Plotly.relayout(plot, look);
+  });
+}
+if (matchMedia("(prefers-color-scheme: dark)").matches) {
   document.querySelectorAll(".plotly-graph-div").forEach((plot) => {
     const axes = Object.keys(plot.layout).filter((name) => /^[xy]axis/.test(name));
     const look = { "font.color": "#e6e8ea", paper_bgcolor: "#16191d", plot_bgcolor: "#16191d" };
@@ -70,7 +80,7 @@ _DARK_PLOTLY = """
     Plotly.relayout(plot, look);
   });
 }</script>"""
-"""Plotly has no colours of the page; they are set when the page is opened."""
+"""Plotly has no colours of the page and no layout for phones; both are set when the page is opened."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +168,7 @@ def render_page(title: str, lead: str, sections: Sequence[Section], hero: str = 
         if section.is_folded:
             parts.append("</details>")
     plotly = _plotly(sections)
-    parts.append(_DARK_PLOTLY if plotly else "")
+    parts.append(_ADAPT_PLOTLY if plotly else "")
     style = _PAGE_STYLE % _DARK_VARIABLES
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
