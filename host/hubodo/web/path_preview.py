@@ -6,7 +6,6 @@ process. Only a bounded number of chunks is read, so a log of a day takes as lon
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from hubodo.log.decode import ChannelDecoder, normalise_type_name
 from hubodo.log.logfile import Log, open_log
 from hubodo.log.role_tables import gnss_columns
 from hubodo.log.source import Stream
+from hubodo.safe_text import json_text
 from hubodo.web.local_plane import local_east_north
 
 _MAX_CHUNKS = 120
@@ -76,7 +76,7 @@ def _read_positions(log: Log, stream: Stream) -> NDArray[np.float64]:
 def main(arguments: list[str]) -> int:
     """Print the path of the log that is named by the only argument."""
     try:
-        print(json.dumps(preview_path(Path(arguments[0]))))
+        print(json_text(preview_path(Path(arguments[0]))))
     except (HubodoError, OSError) as error:
         print(error, file=sys.stderr)
         return 1
