@@ -95,7 +95,7 @@ def check_and_get_times(sent, truth, stats):
     return truth.t[rows[:, 0].astype(int)]
 
 
-@pytest.mark.parametrize("port", PORTS)
+@pytest.mark.parametrize("port", first_and_more(*PORTS))
 def test_a_late_network_gets_the_newest_samples(port):
     (sent,), truth, stats = run_node(30, port, WifiEnvironment(outages=((0, 12),), join_time=2.0))
     t = check_and_get_times(sent, truth, stats)
@@ -123,7 +123,7 @@ def test_after_an_outage_the_node_reconnects_and_only_the_oldest_frames_are_lost
     assert t[-1] > 71.5
 
 
-@pytest.mark.parametrize("port", PORTS)
+@pytest.mark.parametrize("port", first_and_more("esp32", "rp2"))
 def test_a_station_that_is_already_joining_at_power_on_connects(port):
     """After a soft reset an ESP32 continues its earlier connection attempt and refuses a new one."""
     (sent,), truth, stats = run_node(12, port, WifiEnvironment(join_time=2.5, joining_at_power_on=True))

@@ -20,6 +20,7 @@ from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.image import build_image, firmware_folder
 from hubodo.flash.slots import MAIN, main_for_slot
 from hubowire.messages import Hello
+from repetitions import first_and_more
 
 REPORT_MODULES = """
 
@@ -104,7 +105,7 @@ def flash(port, new, monkeypatch, capfd, *words):
     return json.loads(out.splitlines()[-1])
 
 
-@pytest.mark.parametrize("slot", ["", "/fw_b"])
+@pytest.mark.parametrize("slot", first_and_more("/fw_b", ""))
 def test_power_lost_at_any_moment_leaves_the_old_or_the_new_firmware(
     firmwares, slot, tmp_path, monkeypatch, capfd
 ):

@@ -172,6 +172,7 @@ def supplied(case, shift):
         )
 
 
+@pytest.mark.repeat
 def test_a_supply_dependent_gyro_is_identified_on_request(case, tmp_path):
     shift = np.array([0.02, -0.015, 0.025])
     supplied(case, shift)

@@ -16,6 +16,7 @@ from rosbags.typesys import Stores, get_typestore
 from fuzz.seeds import BAG_METADATA, bag_database
 from hubodo.log.rosbag1 import Rosbag1
 from in_process import Done, hubodo
+from repetitions import first_and_more
 
 ROWS = 90
 
@@ -102,7 +103,7 @@ def test_messages_that_claim_more_bytes_than_the_file_has_are_refused(tmp_path, 
     assert "the most for a file of its size is 20000 bytes" in done.err
 
 
-@pytest.mark.parametrize("mode", ["FILE", "MESSAGE"])
+@pytest.mark.parametrize("mode", first_and_more("FILE", "MESSAGE"))
 def test_a_compressed_bag_is_read_and_one_that_expands_beyond_its_size_is_refused(mode, tmp_path):
     compress = zstandard.ZstdCompressor().compress
     bag_folder = bag(tmp_path, mode=mode)
