@@ -102,6 +102,9 @@ def _convert_value(value: object, hint: Any, where: str) -> Any:
     raise ConfigError(f"{where} = {quote_value(value)}: must be {expected}")
 
 
+_OTHER_SUFFIXES = (".yaml", ".yml", ".json", ".xml", ".ini", ".csv", ".urdf")
+
+
 def load_toml(path: Path) -> dict[str, Any]:
     """Return the document of a TOML file. Raises ConfigError if it is missing, not readable, or not TOML."""
     try:
@@ -134,6 +137,11 @@ def parse_toml(text: str, path: Path) -> dict[str, Any]:
     try:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
+        if path.suffix.lower() in _OTHER_SUFFIXES:
+            raise ConfigError(
+                f"{path}: is a file of another format, and a TOML file is due here; hubodo writes them with "
+                "vehicle new, calibrate, warmup and config example"
+            ) from None
         raise ConfigError(f"{path}: not TOML: {error}; correct that line") from None
     except (ValueError, RecursionError):
         # The parser raises these for a number of thousands of digits and for lists nested too deeply.

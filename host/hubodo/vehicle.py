@@ -112,6 +112,8 @@ def parse_vehicle(table: Mapping[str, Any], path: Path | str) -> Vehicle:
     """Return the vehicle of a parsed TOML document, as `load_vehicle`; path: its file, for errors."""
     check_known_keys(table, _KNOWN_TABLES, str(path))
     body = _vehicle_table(table, path)
+    if "wheel_diameter" in body:
+        raise ConfigError(f"{path}: [vehicle] wheel_diameter: write half of it as wheel_radius, in m")
     size_keys = [item.name for item in fields(_RequiredSizes)]
     check_known_keys(
         body,

@@ -57,6 +57,8 @@ def test_written_numbers_keep_all_digits():
 def test_extreme_documents_and_numbers_are_refused():
     with pytest.raises(ConfigError, match="not TOML"):
         parse_toml("x = ", Path("file"))
+    with pytest.raises(ConfigError, match="is a file of another format, and a TOML file is due"):
+        parse_toml("rostopic: /imu0\n", Path("imu.yaml"))
     with pytest.raises(ConfigError, match="beyond 64 bits"):
         parse_toml(f"x = {1 << 63}", Path("file"))
     for value in (0.0, -1.0, float("inf"), 1e-13, 1e13):

@@ -43,6 +43,7 @@ def test_left_is_positive():
         (f"{SIZES}antenna = [1.0]\n", r"antenna: give \[forward, left\] in metres"),
         (f"{SIZES}latitude_deg = 91.0\n", "degrees north, from -90 to 90"),
         (f'{SIZES}radius_from = "guess"\n', 'radius_from = .guess.: .* "tape", "rolled", "nominal"'),
+        (f"{SIZES}wheel_diameter = 1.0\n", "write half of it as wheel_radius"),
         (f"{SIZES}wheel_radios = 1.0\n", "did you mean 'wheel_radius'"),
     ],
 )

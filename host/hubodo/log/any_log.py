@@ -72,6 +72,7 @@ def read_log(
 def _read_any(path: Path, input_format: InputFormat, progress: Progress | None) -> Recording:
     with open_source(path) as source:
         if source is not None:
+            _refuse_rate(path, input_format)
             return convert_to_si(
                 build_recording(source, input_format.topic_selection, progress=progress), input_format
             )
@@ -88,6 +89,14 @@ def _read_any(path: Path, input_format: InputFormat, progress: Progress | None) 
             return read_parquet_numbers(path, input_format)
         return convert_to_si(read_files({path.name.split(".")[0]: path}, progress=progress), input_format)
     return read_number_file(path, detect_file_kind(path), input_format)
+
+
+def _refuse_rate(path: Path, input_format: InputFormat) -> None:
+    if input_format.rate is not None:
+        raise InputError(
+            f"{path}: its messages have times; omit --rate, which is in samples per second (the speed of "
+            "`hubodo play` is --speed)"
+        )
 
 
 @contextmanager
@@ -110,6 +119,8 @@ def open_source(path: Path) -> Iterator[MessageSource | None]:
 def open_as_mcap(path: Path, input_format: InputFormat = _DEFAULT_FORMAT) -> Iterator[Path]:
     """Yield the log as an MCAP file with hubodo's topics, converted to a temporary file where necessary."""
     file = find_mcap_file(path)
+    if file is not None:
+        _refuse_rate(path, input_format)
     if (
         file is not None
         and not input_format.units

@@ -89,6 +89,8 @@ def explain_conversion(path: Path) -> str:
         return ""
     if path.suffix.lower() in SHEET_SUFFIXES:
         return "a workbook; save the sheet as CSV"
+    if path.suffix.lower() in (".yaml", ".yml"):
+        return "a file of settings, and a log is due here"
     return next((advice for magic, advice in CONVERSIONS.items() if head.startswith(magic)), "")
 
 

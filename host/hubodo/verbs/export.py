@@ -117,10 +117,10 @@ def run(args: argparse.Namespace) -> ExportResult:
     suffix = args.output.suffix.removeprefix(".").lower()
     if args.format is None:
         args.format = suffix if suffix in TRACK_FORMATS else "csv"
-    if args.format == "csv" and suffix in ("csv", "txt"):
+    if args.format == "csv" and suffix in ("csv", "txt", "bag", "mcap", "db3"):
         raise InputError(
-            f"-o {args.output}: a folder of CSV files is written, one for each node; name a folder, or for "
-            f"the track a file that ends in {', '.join('.' + it for it in TRACK_FORMATS)}, or give --format"
+            f"-o {args.output}: a folder of CSV files is written, one for each node; name a folder, add "
+            f"--format rosbag2, or for the track give --format or a suffix of {', '.join(TRACK_FORMATS)}"
         )
     if args.format in TRACK_FORMATS:
         return _export_track(args, stated_input_format(args, vehicle))

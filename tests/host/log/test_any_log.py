@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from hubodo.errors import InputError
-from hubodo.log.any_log import find_mcap_file, is_hubodo_mcap, is_rosbag, open_source, read_log
+from hubodo.log.any_log import find_mcap_file, is_hubodo_mcap, is_rosbag, open_as_mcap, open_source, read_log
+from hubodo.log.number_recording import InputFormat
 from hubodo.log.recording_writer import write_recording
 from hubodo.recording import NODE_COLUMNS, Recording, Table
 
@@ -51,6 +52,12 @@ def test_a_table_without_a_row_of_numbers_is_named_as_such(tmp_path):
         (tmp_path / name).write_bytes(content)
         with pytest.raises(InputError, match=rf"{name}: holds no table of numbers"):
             read_log(tmp_path / name)
+
+
+def test_a_sample_rate_is_refused_for_messages_that_have_times(log):
+    for read in (read_log, lambda path, input_format: open_as_mcap(path, input_format).__enter__()):
+        with pytest.raises(InputError, match="its messages have times; omit --rate"):
+            read(log, input_format=InputFormat(rate=100.0))
 
 
 def test_a_folder_of_several_logs_and_a_result_of_fuse_are_named_as_such(log, tmp_path):

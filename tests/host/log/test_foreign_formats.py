@@ -101,6 +101,7 @@ def test_text_in_utf_16_is_read(tmp_path):
         ("a.bin", b"\xa3\x95\x80\x80\x59", "mavlogdump"),
         ("a.mtb", b"\xfa\xff\x36\x10", "MT Manager"),
         ("a.json", b'[{"gx": 1}]', "as CSV"),
+        ("imu.yaml", b"gyroscope_noise_density: 0.0002\n", "a file of settings"),
         ("a.xlsx", b"PK\x03\x04\x14\x00", "save the sheet as CSV"),
     ],
 )

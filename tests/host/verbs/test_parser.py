@@ -54,7 +54,7 @@ def test_an_invalid_command_line_is_one_line_with_a_hint_and_exit_code_2(
         ("report drive.mcap -o report.pdf", "report.pdf: a page is HTML; name a file that ends in .html"),
         (
             "export drive.mcap -o track.csv",
-            "a folder of CSV files is written, one for each node; name a folder",
+            "one for each node; name a folder, add --format rosbag2",
         ),
         ("record udp://127.0.0.1:1 --duration 1m", "write a number above 0, without a unit"),
     ],

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from hubodo.sensors.heading.result import HeadingResult
 
 _DEG = math.degrees(1.0)
+_MAX_LISTED_SPANS = 6
 _FILTER_COLOUR = "#1b6ca8"
 _BASELINE_COLOURS = ("#d1495b", "#8a8d91")
 
@@ -42,8 +43,10 @@ def describe_spans(spans: Sequence[tuple[float, float]]) -> str:
     """Return times, number and total duration of spans as text."""
     if not spans:
         return "none"
-    listed = ", ".join(f"{a:.1f}..{b:.1f}" for a, b in spans)
-    return f"{listed} s ({len(spans)}, together {sum(b - a for a, b in spans):.1f} s)"
+    texts = [f"{a:.1f}..{b:.1f}" for a, b in spans]
+    if len(texts) > _MAX_LISTED_SPANS:
+        texts[_MAX_LISTED_SPANS - 2 : -1] = ["…"]
+    return f"{', '.join(texts)} s ({len(spans)}, together {sum(b - a for a, b in spans):.1f} s)"
 
 
 def score_rows(result: HeadingResult) -> list[tuple[str, ...]]:
