@@ -60,6 +60,17 @@ ul.todo { padding-left: 1.2rem; } ul.todo li { margin: 0.3rem 0; }
 pre { font-size: 0.85rem; border: 1px solid var(--line); border-radius: 6px; padding: 0.8rem;
   overflow-x: auto; }
 """
+_SHEET_STYLE = """
+@page { size: A4; margin: 11mm; }
+@media print {
+  body { font-size: 9px; line-height: 1.3; max-width: none; margin: 0; padding: 0; color-scheme: light; }
+  h1 { font-size: 16px; margin: 0; } h2 { font-size: 11px; margin: 7px 0 1px; break-after: avoid; }
+  h2.side { break-before: page; }
+  p { margin: 1px 0; } p.lead { font-size: 9px; } th, td { padding: 0 6px 0 0; }
+  .figure { border: 0; margin: 0; padding: 0; } .figure svg { height: 86mm; }
+  .on-wide { display: block; } .on-narrow { display: none; } pre { font-size: 8px; padding: 4px; }
+}
+"""
 _DARK_VARIABLES = " ".join(f"--c{light}: {dark};" for light, dark in DARK_COLOURS.items())
 _ADAPT_PLOTLY = """
 <script>if (matchMedia("(max-width: 40rem)").matches) {
@@ -95,7 +106,7 @@ class PageTable:
 class Section:
     """A section of a page: title, text, advice, tables, figures, and `listing` (preformatted text).
 
-    is_folded: the reader opens it by a click on its title.
+    is_folded: the reader opens it by a click on its title. starts_page: it begins a side of a printed sheet.
     """
 
     title: str
@@ -105,6 +116,7 @@ class Section:
     listing: str = ""
     advice: Sequence[str] = ()
     is_folded: bool = False
+    starts_page: bool = False
 
 
 def new_plotly_figure(x_title: str, y_title: str, *, height: int = 320, equal: bool = False) -> go.Figure:
@@ -144,14 +156,18 @@ def _figure(drawing_or_plot: go.Figure | Drawing, name: str) -> str:
     return f'<div class="figure">{drawn}</div>'
 
 
-def render_page(title: str, lead: str, sections: Sequence[Section], hero: str = "") -> str:
+def render_page(
+    title: str, lead: str, sections: Sequence[Section], hero: str = "", *, is_sheet: bool = False
+) -> str:
     """Return a page as HTML: a title, one sentence with the result, then the sections.
 
-    hero: HTML (inserted without escaping) between that sentence and the sections.
+    hero: HTML (inserted without escaping) between that sentence and the sections. is_sheet: printed, it is a
+    sheet of A4 in small type.
     """
     parts = [f"<h1>{html.escape(title)}</h1>", f'<p class="lead">{html.escape(lead)}</p>', hero]
     for number, section in enumerate(sections, 1):
-        heading = f"<h2>{html.escape(section.title)}</h2>"
+        mark = ' class="side"' if section.starts_page else ""
+        heading = f"<h2{mark}>{html.escape(section.title)}</h2>"
         parts.append(f"<details><summary>{heading}</summary>" if section.is_folded else heading)
         if section.text:
             parts.append(f"<p>{html.escape(section.text)}</p>")
@@ -169,7 +185,7 @@ def render_page(title: str, lead: str, sections: Sequence[Section], hero: str = 
             parts.append("</details>")
     plotly = _plotly(sections)
     parts.append(_ADAPT_PLOTLY if plotly else "")
-    style = _PAGE_STYLE % _DARK_VARIABLES
+    style = _PAGE_STYLE % _DARK_VARIABLES + (_SHEET_STYLE if is_sheet else "")
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'

@@ -22,6 +22,7 @@ VERBS: dict[str, str] = {
     "allan": "Allan deviation and noise terms (IEEE 952) of stationary sensors, with sigmas",
     "warmup": "fit the gyro bias after power-on, C1 (1 - exp(-t/T)) + C2, and test the residual",
     "calibrate": "calibrate wheels from a drive with known positions, or a node's sensors from static poses",
+    "sheet": "write the test sheet of a sensor: noise, warm-up and calibration on two printed pages",
     "north": "find north from Earth rate: maytagging, carouselling, east-seeking",
     "heading": "estimate the heading from one vertical gyro axis, corrected for warm-up, with its sigma",
     "filters": "compare filters of a gyro axis on a log, with the settings of the best one for the node",

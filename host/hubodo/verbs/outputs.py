@@ -14,6 +14,7 @@ from hubodo.errors import InputError
 
 _OUTPUT_DESTINATIONS = "output_destinations"
 _PAGE_SUFFIXES = (".html", ".htm")
+_OWN_FILES = "own_files"
 _TABLE_SUFFIXES = (".csv", ".gz", ".parquet", ".mcap", ".db3", ".yaml")
 """Suffixes of the files in a folder that `export` and `simulate` write; no other folder is replaced."""
 
@@ -27,10 +28,16 @@ def html_path(text: str) -> Path:
     return Path(text)
 
 
-def add_force_option(parser: argparse.ArgumentParser, *destinations: str) -> None:
-    """Add --force; destinations: names of the options whose existing file or folder it replaces."""
+def add_force_option(
+    parser: argparse.ArgumentParser, *destinations: str, own_files: Sequence[str] = ()
+) -> None:
+    """Add --force.
+
+    destinations: names of the options whose existing file or folder it replaces. own_files: names of the
+    files that the verb writes into a folder.
+    """
     parser.add_argument("--force", action="store_true", help="replace existing results")
-    parser.set_defaults(**{_OUTPUT_DESTINATIONS: destinations})
+    parser.set_defaults(**{_OUTPUT_DESTINATIONS: destinations, _OWN_FILES: own_files})
 
 
 @contextmanager
@@ -45,7 +52,7 @@ def replace_outputs(args: argparse.Namespace) -> Iterator[None]:
     for path in existing:
         if not args.force:
             raise InputError(f"{path}: exists already; choose another name, or give --force to replace it")
-        _check_replaceable(path, inputs)
+        _check_replaceable(path, inputs, getattr(args, _OWN_FILES, ()))
     aside = [(path, _move_aside(path)) for path in existing]
     try:
         yield
@@ -66,7 +73,7 @@ def _as_regular(path: Path | None) -> Path | None:
     return None if path.is_dir() and not any(path.iterdir()) else path
 
 
-def _check_replaceable(path: Path, inputs: Sequence[Any]) -> None:
+def _check_replaceable(path: Path, inputs: Sequence[Any], own_files: Sequence[str]) -> None:
     """Raise InputError for a link, an input of the verb, and a folder that holds other files."""
     if path.is_symlink():
         raise InputError(f"{path}: is a link; remove it or name another")
@@ -77,7 +84,14 @@ def _check_replaceable(path: Path, inputs: Sequence[Any]) -> None:
             if given.samefile(path) or path.resolve() in given.resolve().parents:
                 raise InputError(f"{path}: is or holds the input {given}; name another output")
     if path.is_dir():
-        foreign = next((p for p in path.iterdir() if p.is_dir() or p.suffix not in _TABLE_SUFFIXES), None)
+        foreign = next(
+            (
+                file
+                for file in path.iterdir()
+                if file.is_dir() or not (file.suffix in _TABLE_SUFFIXES or file.name in own_files)
+            ),
+            None,
+        )
         if foreign is not None:
             raise InputError(f"{path}: holds {foreign.name}, which hubodo did not write; name another folder")
 

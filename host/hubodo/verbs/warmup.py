@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> WarmupResult:
     )
     if args.output is not None:
         try:
-            _extend_calibration(args.output, result, standstill, hash_source(args.log))
+            extend_calibration(args.output, result, standstill, hash_source(args.log))
         except InputError as error:
             raise InputError(f"{standstill.source}: {error}") from None
     title = f"Warm-up of {result.name}"
@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> WarmupResult:
     return result
 
 
-def _extend_calibration(
+def extend_calibration(
     path: Path, result: WarmupResult, standstill: StandstillRecord, source_sha256: str
 ) -> None:
     """Add the accepted model to a calibration file, which is created if it does not exist."""

@@ -81,6 +81,13 @@ RUNS: tuple[Run, ...] = (
         2,
         "no steady turn",
     ),
+    *_logs("sheet --still", "-o out-{n}"),
+    Run(
+        "sheet --poses poses.mcap --warmup rest.mcap --age 1 --node left --gravity 9.81 --latitude-deg 48 "
+        "--force -o out-{n}",
+        2,
+        "too short for a warm-up",
+    ),
     *_logs("calibrate wheels", "--vehicle vehicle.toml -o out-{n}.toml", 2),
     Run(
         "calibrate wheels drive.mcap --vehicle vehicle.toml -o out-{n}.toml --radius-sigma 0.03 "
