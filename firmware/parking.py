@@ -28,6 +28,8 @@ _HISTORY = const(120)
 _BATCH = const(16)
 _MOST_POLLS = const(1000)
 _POLL_US = const(100)
+_CHANGE_US = const(10000)
+"""Time for a change of the rate, before the next sample at the slow one."""
 _HARMLESS = (TIME_REQUEST, PING, GET_HELLO)
 """Requests that a node answers without an end of its sleep."""
 
@@ -174,9 +176,10 @@ class Parking(SlowSampling):
         clock.start(period_ns)
         clock.t_us = ticks_add(self._await_sample(chip, level), -(level + 1) * clock.period_us)
         self._read_rest(chip, 0)
-        # The rate is changed right after another sample, when a whole period remains for it.
-        self._await_sample(chip, 0)
-        self._read_rest(chip, 0)
+        if ticks_diff(ticks_us(), clock.t_us) > clock.period_us - _CHANGE_US:
+            # A sample during the change of the rate would be lost.
+            self._await_sample(chip, 0)
+            self._read_rest(chip, 0)
 
     def _await_sample(self, chip, level):
         """Wait until the FIFO holds more than `level` samples; return the time."""
