@@ -261,6 +261,8 @@ def main():
     restart that finds the file STAY_IN_REPL. After power-on that file is removed and ignored.
     """
     try:
+        # The removal of a missing file would check the whole file system, in 0.05 s.
+        os.stat(STAY_IN_REPL)
         os.remove(STAY_IN_REPL)
         if machine.reset_cause() != machine.PWRON_RESET:
             return

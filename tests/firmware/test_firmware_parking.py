@@ -13,8 +13,8 @@ from virtual_runs import run
 def test_a_parked_node_sleeps_and_loses_no_sample_from_before_its_wake_up(chip, wired):
     result = park(2, chip=chip, wired=wired)
     assert result.falls_asleep >= 2 and result.lost == 0
-    # Time to notice: an edge at once, the register every 0.1 s; then up to two samples at 26 Hz.
-    assert np.all(result.delays < (0.18 if wired else 0.28))
+    # Time to notice: an edge at once, the register every 0.1 s; then a sample at 26 Hz, and the FIFO.
+    assert np.all(result.delays < (0.15 if wired else 0.25))
     # The newest sample is polled every 0.1 ms and more; the period comes from the full rate.
     assert np.abs(result.stamp_errors).max() < 1000
     assert result.light_sleeps > (3 if wired else 50)

@@ -1,6 +1,7 @@
 """Checks of the data received from a port: the rate of the node's clock."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -28,3 +29,19 @@ def test_the_clock_rate_is_estimated_from_the_fastest_answers(ppm, count, verdic
     reception = Reception(n_frames=1, node=1, hello=HELLO, exchanges=exchanges)
     (clock,) = (result for result in check_reception(reception, 115200) if result.check == "clock")
     assert clock.verdict == verdict and re.search(observation, clock.observation), clock
+
+
+@pytest.mark.parametrize(
+    ("part", "observation"),
+    [
+        ((0x6B, 0x69, 1), "LSM6DS33 at 0x6B"),
+        ((0x68, 0x0F, 0), "BMI088 at 0x68"),
+        ((0, 0x47, 0), "ICM42688 on SPI"),
+        ((0x0C, 0x48, 0), "AK8963 at 0x0C"),
+        ((0x6B, 0x68, 0), "0x6B answers 0x68: an unknown chip"),
+    ],
+)
+def test_a_chip_is_named_by_its_part_or_by_its_identity(part, observation):
+    reception = Reception(n_frames=1, node=1, hello=replace(HELLO, parts=(part,)))
+    (sensor,) = (result for result in check_reception(reception, 115200) if result.check == "sensor")
+    assert sensor.observation == observation
