@@ -1,4 +1,4 @@
-"""Table rows of calibrated parameters: value and sigma with unit, significance, meaning."""
+"""Table rows of calibrated parameters: value and sigma in SI and common units, significance, meaning."""
 
 from __future__ import annotations
 
@@ -6,10 +6,21 @@ import math
 from collections.abc import Iterator, Mapping
 
 from hubodo.calibration.file import Quantity
+from hubodo.earth import STANDARD_GRAVITY
 from hubodo.effects import BY_NAME
 
 EffectParameters = Mapping[str, Mapping[str, Quantity]]
-PARAMETER_HEADINGS = ("effect", "parameter", "value ± 1σ", "unit", "significance", "meaning")
+PARAMETER_HEADINGS = (
+    "effect", "parameter", "value ± 1σ", "unit", "in common units", "significance", "meaning"
+)  # fmt: skip
+_COMMON_UNITS = {
+    "rad/s": (math.degrees(3600.0), "°/h"),
+    "m/s²": (1e3 / STANDARD_GRAVITY, "mg"),
+    "rad": (math.degrees(60.0), "arc-min"),
+    "1": (1e6, "ppm"),
+    "m": (1e3, "mm"),
+}
+"""Factor and unit common in data sheets and test reports, by SI unit."""
 SIGNIFICANT_SIGMA = 3.0
 _MAX_SHOWN_SIGMA = 100.0
 
@@ -40,7 +51,16 @@ def parameter_rows(effects: EffectParameters) -> Iterator[tuple[str, ...]]:
                 parameter,
                 value,
                 "ratio" if unit == "1" else unit,
+                _in_common_unit(quantity, unit),
                 shown,
                 meaning,
             )
             meaning = ""
+
+
+def _in_common_unit(quantity: Quantity, unit: str) -> str:
+    """Return value and sigma in the common unit; "" for a unit that has none."""
+    if unit not in _COMMON_UNITS:
+        return ""
+    factor, name = _COMMON_UNITS[unit]
+    return f"{format_with_sigma(quantity.value * factor, quantity.sigma * factor)} {name}"

@@ -8,10 +8,10 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from hubodo.earth import STANDARD_GRAVITY
 from hubodo.errors import InputError
 from hubodo.recording import Recording, Table
 
-STANDARD_GRAVITY = 9.80665
 _GRAVITY_RANGE_IN_G = (0.7, 1.4)
 # Largest plausible rate, rad/s: the widest range of available gyros ends at 4000 deg/s (69.8 rad/s).
 _MAX_GYRO_RATE = 72.0
