@@ -137,6 +137,7 @@ def test_a_resumed_search_ends_with_the_result_of_an_uninterrupted_one(
     assert judged_rounds[0][0].state.terms[0].effect.name in effects_before
 
 
+@pytest.mark.repeat
 def test_a_truncated_journal_restores_its_complete_rounds(
     case, uninterrupted, interrupt_run, judged_rounds, tmp_path
 ):
