@@ -50,7 +50,7 @@ def run(
         **options,
     )
     node.start()
-    assert node.wait(60)
+    assert node.wait(300)
     return node
 
 

@@ -285,9 +285,10 @@ def _find_quiet_windows(values: Array, width: int, steps: Array) -> NDArray[np.b
     low = np.sqrt(chdtri(dof, 1.0 - NOISE_FLOOR_QUANTILE) / width)
     high = max(QUIET_THRESHOLD_SIGMA, float(np.sqrt(chdtri(dof, _QUIET_FALSE_ALARM) / width)))
     at_limit = limit_windows(values, width, deviation)
+    # A channel that is at its limit all the time has no quiet window, whatever its noise floor.
     noise = np.array(
         [
-            np.quantile(channel[~limited], NOISE_FLOOR_QUANTILE)
+            np.quantile(channel if limited.all() else channel[~limited], NOISE_FLOOR_QUANTILE)
             for channel, limited in zip(deviation.T, at_limit.T, strict=True)
         ]
     )
