@@ -70,6 +70,7 @@ papers: setup        ## results of four papers compared with ours
 accuracy: setup      ## accuracy over many seeded drives and records; about fifteen minutes
 	$(BIN)/python tests/accuracy/odometry.py
 	$(BIN)/python tests/accuracy/mixed.py
+	$(BIN)/python tests/accuracy/late_node.py
 	$(BIN)/python tests/accuracy/gnss.py
 	$(BIN)/python tests/accuracy/live_map.py
 	$(BIN)/python tests/accuracy/set_pose.py

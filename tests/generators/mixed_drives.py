@@ -53,9 +53,9 @@ def drawn(seed: int) -> Drawn:
     hilly = seed % 3 == 0 and top > 0.3
     if hilly:
         plan = slip_drives.hilly(plan, rng)
-    slips = seed % 4 == 0 and top > 0.5
+    fast = np.flatnonzero(np.abs(plan.speed) > 0.5 * top) / wheel_drives.RATE_HZ
+    slips = seed % 4 == 0 and top > 0.5 and len(fast) > 0
     if slips:
-        fast = np.flatnonzero(np.abs(plan.speed) > 0.5 * top) / wheel_drives.RATE_HZ
         start = float(rng.choice(fast[len(fast) // 4 : -len(fast) // 4]))
         loss = float(rng.choice([-0.8, 0.8])) * top
         plan = wheel_drives.with_slip(
