@@ -35,7 +35,7 @@ def test_a_row_has_unit_significance_and_the_meaning_once():
         ("gyro_bias", "x", 4.84814e-6, 4.84814e-7, "+1.00 ± 0.10 °/h"),
         ("accel_bias", "z", 0.00980665, 0.000980665, "+1.00 ± 0.10 mg"),
         ("gyro_scale_factor", "y", -1e-6, 1e-7, "-1.00 ± 0.10 ppm"),
-        ("gyro_nonorthogonality", "xz", 2.908882e-4, 2.908882e-5, "+1.00 ± 0.10 arc-min"),
+        ("gyro_nonorthogonality", "xz", 2.908882e-4, 2.95e-5, "+1.00 ± 0.10 arc-min"),
         ("gyro_lag", "time_constant", 0.01, 0.001, ""),
     ],
 )
