@@ -1,7 +1,8 @@
 """Calibration of an IMU from records that are not ideal: coverage of the sigmas, or a refusal with its cause.
 
-    python tests/accuracy/imu_records.py [--seeds 20] [--first 0] [--only quantised|rates|earth|faults]
+    python tests/accuracy/imu_records.py [--seeds 20] [--first 0] [--only PART]
 
+PART: quantised, rates, earth, faults or disturbed.
 Coverage: share of errors within 1.96 of their sigma, with its binomial 95 % interval (Clopper and Pearson).
 "plain" is Avrutov's eq. 6 solved once, "bound" the Cramér-Rao 1σ for the rounding and noise simulated.
 """
@@ -12,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.linalg import sqrtm
+from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 from scipy.stats import beta
 
@@ -152,7 +154,7 @@ def pulls_of(result, accel, gyro):
     gyro_observable = np.append(np.ones(3, bool), result.gyro.is_observable)
     return {
         "accel": (accel_error / result.accel.sigma)[FREE][result.accel.is_observable[FREE]],
-        "gyro": (gyro_error / np.sqrt(np.diag(result.gyro.covariance)))[gyro_observable],
+        "gyro": gyro_error[gyro_observable] / np.sqrt(np.diag(result.gyro.covariance)[gyro_observable]),
     }
 
 
@@ -255,11 +257,73 @@ def faults(seeds):
         print(f"{name:34s} {named_cell:>6s} {refused:8d} {cells:>30s}", flush=True)
 
 
+def ramp(data, rng):
+    share = (data.t / data.t[-1])[:, None] - 0.5
+    drift = np.radians(0.3) * rng.standard_normal(3), 0.05 * rng.standard_normal(3)
+    return data.t, data.gyro + share * drift[0], data.accel + share * drift[1]
+
+
+def correlated(data, rng):
+    """Add Gauss-Markov noise with a correlation time of 5 s."""
+    p = np.exp(-(data.t[1] - data.t[0]) / 5.0)
+    walk = lfilter([np.sqrt(1 - p * p)], [1, -p], rng.standard_normal((len(data.t), 6)), axis=0)
+    return data.t, data.gyro + 1e-3 * walk[:, :3], data.accel + 1e-2 * walk[:, 3:]
+
+
+def gaps(data, rng):
+    present = np.ones(len(data.t), bool)
+    for start in rng.uniform(0, data.t[-1], 6):
+        present &= ~((data.t > start) & (data.t < start + rng.uniform(0.3, 4.0)))
+    return data.t[present], data.gyro[present], data.accel[present]
+
+
+def one_plane(rng):
+    angles = np.c_[rng.uniform(-5, 5, (24, 2)), np.linspace(0, 345, 24)]
+    return Rotation.from_euler("zyx", angles, degrees=True)
+
+
+DISTURBANCES = {
+    "none": lambda d, _: (d.t, d.gyro, d.accel),
+    "biases drift by 0.3 deg/s, 5 mg": ramp,
+    "correlated noise": correlated,
+    "six gaps of 0.3 to 4 s": gaps,
+    "turns of 15 degrees in one plane": lambda d, _: (d.t, d.gyro, d.accel),
+    "gyro range 1 rad/s": lambda d, _: (d.t, np.clip(d.gyro, -1, 1), d.accel),
+    "accelerometer range 9.3 m/s²": lambda d, _: (d.t, d.gyro, np.clip(d.accel, -9.3, 9.3)),
+    "accelerometer quadratic, 5 mg": lambda d, _: (d.t, d.gyro, d.accel + 5e-4 * d.accel**2),
+    "accelerometer cubic, 5 mg": lambda d, _: (d.t, d.gyro, d.accel + 0.05 * (d.accel / GRAVITY) ** 3),
+    "gyro asymmetry, 0.5 %": lambda d, _: (d.t, d.gyro + 5e-3 * np.abs(d.true_rate), d.accel),
+    "gyro cubic, 1 % at 1 rad/s": lambda d, _: (d.t, d.gyro * (1 - 0.01 * d.gyro**2), d.accel),
+}
+
+
+def disturbed(seeds):
+    print(f"\ndisturbed records, 24 poses, seeds {seeds[0]} to {seeds[-1]}: silently wrong is beyond 4 sigma")
+    print(f"{'':34s} {'coverage, accel':>20s} {'coverage, gyro':>20s}  silently wrong  refused")
+    for name, change in DISTURBANCES.items():
+        pulls, wrong, refused = {"accel": [], "gyro": []}, 0, 0
+        for seed in seeds:
+            rng = np.random.default_rng([seed, 77])
+            accel, gyro = draw_errors(rng, 0.3), draw_errors(rng, 0.02)
+            data = carry(rng, gyro, accel, attitudes=one_plane(rng) if "plane" in name else None)
+            try:
+                result = calibrate_imu(*change(data, rng), gravity=GRAVITY)
+            except HubodoError:
+                refused += 1
+                continue
+            both = pulls_of(result, accel, gyro)
+            wrong += any(np.abs(z).max(initial=0.0) > 4 for z in both.values())
+            for triad, z in both.items():
+                pulls[triad].append(z)
+        cells = " ".join(coverage(np.concatenate(z)) if z else f"{'':20s}" for z in pulls.values())
+        print(f"{name:34s} {cells} {wrong:15d} {refused:8d}", flush=True)
+
+
 def rms(values):
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-PARTS = {"quantised": quantised, "rates": rates, "earth": earth, "faults": faults}
+PARTS = {"quantised": quantised, "rates": rates, "earth": earth, "faults": faults, "disturbed": disturbed}
 
 
 def main():

@@ -17,6 +17,7 @@ from hubodo.sensors.imu.earth_in_turns import estimate_earth_in_turns
 from hubodo.sensors.imu.held_out import cross_validate_accel, cross_validate_turns
 from hubodo.sensors.imu.latitude_check import check_horizontal_rate, check_latitude
 from hubodo.sensors.imu.misalignment import align_by_earth_rate, rotate_triad
+from hubodo.sensors.imu.nonlinear_gyros import calibrate_with_terms
 from hubodo.sensors.imu.nonlinear_terms import describe_accelerometers, fit_accelerometers
 from hubodo.sensors.imu.outlier_poses import drop_outlier_poses
 from hubodo.sensors.imu.result import GyroCalibration, ImuCalibration
@@ -229,11 +230,11 @@ def _add_turns(
     """Return the calibration refined by the turns between standstills, or unchanged if that fails."""
     bias_sigma = np.sqrt(np.diag(static.covariance)[:3])
     try:
-        calibration = calibrate_from_turns(turns, bias_sigma)
+        turns, calibration, nonlinear = calibrate_with_terms(turns, bias_sigma)
     except CalibrationError as error:
         notes.append(f"gyro scale and misalignments left out: {error}")
         return static
-    notes.extend(calibration.dropped)
+    notes.extend((*nonlinear, *calibration.dropped))
     if calibration.deficit:
         notes.append(f"left out: {calibration.deficit}")
     determined = (

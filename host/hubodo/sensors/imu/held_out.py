@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.errors import CalibrationError
@@ -22,10 +23,12 @@ class CrossValidation:
     """Cross-validation errors.
 
     Attributes:
+        index: (K,) index of each standstill or turn.
         error: (K,) norm of the accelerometer minus gravity, m/s², or angle error of a turn, rad.
         error_before: (K,) the same without calibration.
     """
 
+    index: NDArray[np.int64]
     error: Array
     error_before: Array
 
@@ -65,7 +68,8 @@ def cross_validate_accel(
     finite = np.isfinite(error)
     if not finite.any():
         return None
-    return CrossValidation(error[finite], np.linalg.norm(standstills.accel, axis=1)[finite] - gravity)
+    before = np.linalg.norm(standstills.accel, axis=1) - gravity
+    return CrossValidation(np.flatnonzero(finite), error[finite], before[finite])
 
 
 def cross_validate_turns(turns: Turns, bias_sigma: Array) -> CrossValidation | None:
@@ -78,9 +82,12 @@ def cross_validate_turns(turns: Turns, bias_sigma: Array) -> CrossValidation | N
         except CalibrationError:
             continue
         error[held] = turn_errors(
-            turns.select(held), calibration.matrix, calibration.bias_change, calibration.earth_rate
+            turns.select(held),
+            calibration.matrix,
+            calibration.bias_change,
+            np.append(calibration.earth_rate, calibration.terms),
         )
     finite = np.isfinite(error)
     if not finite.any():
         return None
-    return CrossValidation(error[finite], turn_errors(turns, np.eye(3))[finite])
+    return CrossValidation(turns.number[finite], error[finite], turn_errors(turns, np.eye(3))[finite])

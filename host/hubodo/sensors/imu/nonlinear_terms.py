@@ -18,12 +18,14 @@ from hubodo.sensors.imu.standstills import Standstills
 
 MAX_P_VALUE = 0.01
 """Largest p-value, corrected for the number of families, at which a family of terms is included."""
+MAX_SCATTER = 3.0
+"""Misfit relative to the noise of the standstills above which it is reported."""
 MIN_DOF = 3
 """Degrees of freedom that remain beside all terms."""
 _TERMS = 3
 """Terms of a family, one for each axis."""
 _ACCEL_EXPONENTS = (2, 3)
-_NAMES = {2: "quadratic", 3: "cubic"}
+_POWER_NAMES = {2: "quadratic", 3: "cubic"}
 
 Fit = TypeVar("Fit")
 
@@ -80,13 +82,21 @@ def fit_accelerometers(standstills: Standstills, gravity: float, convention: Con
 
 
 def describe_accelerometers(calibration: ScalarCalibration) -> list[str]:
-    """Return one line for each family of nonlinear terms of the accelerometers, in mg at 1 g."""
+    """Return lines on nonlinear terms of the accelerometers, in mg at 1 g, and on an unexplained misfit."""
     terms, sigmas = (values.reshape(-1, 3) for values in (calibration.nonlinear, calibration.nonlinear_sigma))
-    return [
-        f"the accelerometers are nonlinear: {_NAMES[n]} terms "
+    lines = [
+        f"the accelerometers are nonlinear: {_POWER_NAMES[n]} terms "
         + ", ".join(
             f"{axis} {1e3 * k:+.2g} ± {1e3 * s:.1g} mg" for axis, k, s in zip("xyz", row, sigma, strict=True)
         )
         + " at 1 g; bias and scale are estimated beside them, but calibration files have no such terms"
         for n, row, sigma in zip(calibration.exponents, terms, sigmas, strict=True)
     ]
+    ratio = np.sqrt(calibration.reduced_chi2 or 0.0)
+    if ratio > MAX_SCATTER:
+        lines.append(
+            f"the length of gravity scatters {ratio:.2g} times as much as the noise of the standstills, and "
+            "sigmas are widened accordingly: the biases drift, or the sensor has an error that is not "
+            "modelled; let it warm up, and repeat poses"
+        )
+    return lines

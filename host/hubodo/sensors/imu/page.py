@@ -9,7 +9,7 @@ import numpy as np
 
 from hubodo.calibration.parameter_table import PARAMETER_HEADINGS, SIGNIFICANT_SIGMA
 from hubodo.calibration.parameter_table import parameter_rows as table_rows
-from hubodo.pages.curves import Curve, Values, draw_curves
+from hubodo.pages.curves import Curve, draw_curves
 from hubodo.pages.page import COLOURS, PageTable, Section
 from hubodo.sensors.imu.held_out import CrossValidation
 
@@ -61,22 +61,26 @@ def _parameters(result: ImuCalibration) -> Section:
 
 
 def _residuals(result: ImuCalibration) -> Section:
-    count = np.arange(1, len(result.standstills) + 1)
-    lengths = _before_and_after(count, result.accel.residual_before, result.accel.residual)
-    figures = [draw_curves(lengths, "standstill", "norm minus gravity, m/s²")]
+    figures = []
+    if result.accel_held_out is not None:
+        lengths = _before_and_after(result.accel_held_out)
+        figures.append(draw_curves(lengths, "standstill", "norm minus gravity, m/s²"))
     text = f"Norm of the accelerometer: {format_held_out(result.accel_held_out, 'm/s²')}."
     turns = result.gyro.turns
     if turns is not None:
-        angles = _before_and_after(turns.used + 1, np.degrees(turns.error_before), np.degrees(turns.error))
-        figures.append(draw_curves(angles, "turn", "angle error against gravity, °"))
+        if result.gyro.held_out is not None:
+            angles = _before_and_after(result.gyro.held_out, 180 / np.pi)
+            figures.append(draw_curves(angles, "turn", "angle error against gravity, °"))
         text += f" Gyro turns: {format_held_out(result.gyro.held_out, 'degrees', 180 / np.pi)}."
     return Section("Before and after", text, figures=figures)
 
 
-def _before_and_after(x: Values, before: Values, after: Values) -> list[Curve]:
+def _before_and_after(held_out: CrossValidation, factor: float = 1.0) -> list[Curve]:
+    """Return the errors of what was held out of the fit, the same that the text summarises."""
+    number = held_out.index + 1
     return [
-        Curve(x, before, "before", COLOURS["right"], dots=True),
-        Curve(x, after, "after", COLOURS["left"], dots=True),
+        Curve(number, factor * held_out.error_before, "before", COLOURS["right"], dots=True),
+        Curve(number, factor * held_out.error, "after, held out of the fit", COLOURS["left"], dots=True),
     ]
 
 

@@ -64,8 +64,8 @@ class TurnCalibration:
         used: (T,) number of each turn, from 0.
         angle: (T,) angle by which gravity turned, rad.
         error: (T,) angle between propagated and measured gravity after calibration, rad.
-        error_before: (T,) the same with only the bias subtracted.
         dropped: one line for each turn that was excluded.
+        terms, term_sigma: (K,) other terms, without prior, if modelled.
     """
 
     matrix: Array
@@ -76,10 +76,11 @@ class TurnCalibration:
     used: NDArray[np.int64]
     angle: Array
     error: Array
-    error_before: Array
     dropped: tuple[str, ...] = ()
     earth_rate: Array = field(default_factory=lambda: _NO_VALUES)
     earth_covariance: Array = field(default_factory=lambda: _NO_VALUES)
+    terms: Array = field(default_factory=lambda: _NO_VALUES)
+    term_sigma: Array = field(default_factory=lambda: _NO_VALUES)
 
     @property
     def deficit(self) -> str:
@@ -112,6 +113,7 @@ class Turns:
         earth_slopes: (T, 3, E) derivatives of the misclosures by horizontal Earth rates, or None; see
             `earth_in_turns`.
         earth_sigma: prior sigma of these rates, rad/s.
+        term_slopes: (T, 3, K) derivatives by other terms, or None; see `nonlinear_gyros`.
         noise: sigma of a component of the misclosure by the noise of the standstills, rad; few turns
             may fit by chance.
     """
@@ -126,6 +128,7 @@ class Turns:
     earth_slopes: Array | None = None
     earth_sigma: float = 0.0
     noise: float = 0.0
+    term_slopes: Array | None = None
 
     def select(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> Turns:
         """Return the selected turns, by index or mask."""
@@ -140,7 +143,14 @@ class Turns:
             None if self.earth_slopes is None else self.earth_slopes[which],
             self.earth_sigma,
             self.noise,
+            None if self.term_slopes is None else self.term_slopes[which],
         )
+
+    @property
+    def slopes(self) -> Array:
+        """Return the (T, 3, E + K) derivatives of the misclosures by Earth rates and other terms."""
+        parts = [it for it in (self.earth_slopes, self.term_slopes) if it is not None]
+        return np.concatenate([np.zeros((*self.start.shape, 0)), *parts], axis=2)
 
     @property
     def angle(self) -> Array:
@@ -251,12 +261,15 @@ def _rotation_vectors(turns: Turns, matrix: Array, bias_change: Array | float) -
 
 
 def turn_errors(
-    turns: Turns, matrix: Array, bias_change: Array | float = 0.0, earth_rate: Array = _NO_VALUES
+    turns: Turns, matrix: Array, bias_change: Array | float = 0.0, others: Array = _NO_VALUES
 ) -> Array:
-    """Return the (T,) angles between propagated and measured gravity, rad, less the effect of Earth rate."""
+    """Return the (T,) angles between propagated and measured gravity, rad, less the effect of `others`.
+
+    others: (E + K,) Earth rates and other terms, or none.
+    """
     end = propagate_gravity(turns, matrix, bias_change)
-    if turns.earth_slopes is not None and len(earth_rate):
-        end = end - turns.earth_slopes @ earth_rate
+    if len(others):
+        end = end - turns.slopes @ others
     return _angle_between(end, turns.end)
 
 
@@ -289,7 +302,9 @@ def calibrate_from_turns(turns: Turns, bias_sigma: Array) -> TurnCalibration:
         ]
         usable = usable.select(~is_outlier)
         p, covariance, response = _fit_turns(usable, bias_sigma)
-    matrix, change, earth_rate = _split_parameters(p)
+    matrix, change, others = _split_parameters(p)
+    count = 0 if usable.earth_slopes is None else usable.earth_slopes.shape[2]
+    earth, terms = slice(12, 12 + count), slice(12 + count, None)
     is_observable = np.sqrt(np.diag(covariance)[:9]) <= MAX_OBSERVABLE_SIGMA
     order = [9, 10, 11, *range(9)]
     calibration = TurnCalibration(
@@ -300,11 +315,12 @@ def calibrate_from_turns(turns: Turns, bias_sigma: Array) -> TurnCalibration:
         is_observable,
         usable.number,
         usable.angle,
-        turn_errors(usable, matrix, change, earth_rate),
-        turn_errors(usable, np.eye(3)),
+        turn_errors(usable, matrix, change, others),
         tuple(dropped),
-        earth_rate,
-        covariance[12:, 12:],
+        p[earth],
+        covariance[earth, earth],
+        p[terms],
+        np.sqrt(np.diag(covariance)[terms]),
     )
     if not is_observable.any():
         raise CalibrationError(calibration.deficit)
@@ -312,7 +328,7 @@ def calibrate_from_turns(turns: Turns, bias_sigma: Array) -> TurnCalibration:
 
 
 def _split_parameters(p: Array) -> tuple[Array, Array, Array]:
-    """Return M, the change of the bias, and the horizontal Earth rates."""
+    """Return M, the change of the bias, and the other unknowns: Earth rates and terms."""
     return np.eye(3) + p[:9].reshape(3, 3), p[9:12], p[12:]
 
 
@@ -320,18 +336,21 @@ def _fit_turns(turns: Turns, bias_sigma: Array) -> tuple[Array, Array, Array]:
     """Minimise the misclosures of all turns and the prior by Gauss-Newton, with an estimated noise level.
 
     Returns the parameters (P,), their covariance, and their response (P, 3 T) to the misclosures. P is 12,
-    and one more for each horizontal Earth rate.
+    and one more for each horizontal Earth rate and other term.
     """
-    earth_slopes = np.zeros((len(turns.dt), 3, 0)) if turns.earth_slopes is None else turns.earth_slopes
-    unknown_rates = earth_slopes.shape[2]
-    p, scatter = np.zeros(12 + unknown_rates), 0.01
+    other_slopes = turns.slopes
+    earth_rates = 0 if turns.earth_slopes is None else turns.earth_slopes.shape[2]
+    p, scatter = np.zeros(12 + other_slopes.shape[2]), 0.01
     prior_sigma = [np.full(9, WIDE_TOLERANCE.scale_and_angle), bias_sigma]
-    prior_precision = np.concatenate([*prior_sigma, np.full(unknown_rates, turns.earth_sigma)]) ** -2
+    prior_precision = np.zeros(len(p))
+    prior_precision[: 12 + earth_rates] = (
+        np.concatenate([*prior_sigma, np.full(earth_rates, turns.earth_sigma)]) ** -2
+    )
 
     def linearise(p: Array) -> tuple[Array, Array]:
-        matrix, change, earth_rate = _split_parameters(p)
+        matrix, change, others = _split_parameters(p)
         end, slopes = propagate_gravity_jacobian(turns, matrix, change)
-        return end - turns.end - earth_slopes @ earth_rate, np.concatenate([slopes, -earth_slopes], axis=2)
+        return end - turns.end - other_slopes @ others, np.concatenate([slopes, -other_slopes], axis=2)
 
     misclosure, slopes = linearise(p)
     for _ in range(12):
@@ -343,9 +362,8 @@ def _fit_turns(turns: Turns, bias_sigma: Array) -> tuple[Array, Array, Array]:
         if np.abs(step).max() > _RELINEARISE_CHANGE:
             misclosure, slopes = linearise(p)
         else:
-            matrix, change, earth_rate = _split_parameters(p)
-            end = propagate_gravity(turns, matrix, change)
-            misclosure = end - turns.end - earth_slopes @ earth_rate
+            matrix, change, others = _split_parameters(p)
+            misclosure = propagate_gravity(turns, matrix, change) - turns.end - other_slopes @ others
         # A misclosure has two components, because gravity is a unit vector.
         parameters_used = -float(np.trace(response @ jacobian)) * scatter
         dof = max(1.0, 2 * len(misclosure) - parameters_used)

@@ -124,6 +124,7 @@ def parts(monkeypatch):
 
     monkeypatch.setattr(room, "collect_turns", collect_turns)
     monkeypatch.setattr(room, "calibrate_from_turns", refuse)
+    monkeypatch.setattr(room, "calibrate_with_terms", refuse)
     monkeypatch.setattr(room, "estimate_earth_in_turns", refuse)
     monkeypatch.setattr(room, "fit_scalar_calibration", scalar_calibration)
     monkeypatch.setattr(room, "align_by_earth_rate", refuse)
@@ -199,7 +200,7 @@ def test_turns_move_the_bias_and_their_covariance_holds_the_accelerometers_frame
         deficit="",
     )
     sigmas, notes = [], []
-    parts.set("calibrate_from_turns", lambda _, sigma: sigmas.append(sigma) or turns)
+    parts.set("calibrate_with_terms", lambda every, sigma: sigmas.append(sigma) or (every, turns, ()))
     parts.set("accel_frame_covariance", lambda *_: 3 * np.eye(12))
     parts.set("cross_validate_turns", lambda turns, sigma: (turns, sigma))
     at = standstills(count=5)

@@ -155,6 +155,31 @@ def test_nonlinear_accelerometers_are_named_and_bias_and_scale_stay_within_sigma
     assert np.abs(pulls).max() < 4 and np.sqrt(np.mean(np.square(pulls))) < 1.6
 
 
+def test_accelerometers_whose_bias_drifts_are_named():
+    data = carry(np.random.default_rng(18), Errors(), ACCEL, dt=0.04)
+    drift = 0.05 * (data.t / data.t[-1] - 0.5)[:, None]
+    result = calibrate_imu(data.t, data.gyro, data.accel + drift, gravity=GRAVITY)
+    assert any("times as much as the noise of the standstills" in note for note in result.notes)
+    error = np.append(result.accel.triad.bias - ACCEL.b, result.accel.triad.scale_error - ACCEL.e)
+    assert np.abs(error / result.accel.sigma[[0, 1, 2, 3, 7, 11]]).max() < 4
+
+
+@pytest.mark.parametrize("kind, share", [("asymmetry", 0.005), ("cubic", -0.01)])
+def test_nonlinear_gyros_are_named_and_scale_and_angles_stay_within_sigma(kind, share):
+    pulls = []
+    for seed in range(2):
+        data = carry(np.random.default_rng([3308, seed]), Errors(), ACCEL, dt=0.02)
+        term = np.abs(data.true_rate) if kind == "asymmetry" else data.true_rate**3
+        result = calibrate_imu(data.t, data.gyro + share * term, data.accel, gravity=GRAVITY)
+        (line,) = [note for note in result.notes if "the gyros are nonlinear" in note]
+        assert f"{kind} x {100 * share:+.1g}"[:-1] in line and len(result.gyro.turns.used) == 23
+        sigma = np.sqrt(np.diag(result.gyro.covariance))
+        terms = (result.gyro.turns.terms) / result.gyro.turns.term_sigma
+        pulls.extend([*terms, *((result.gyro.triad.matrix - np.eye(3)).ravel() / sigma[3:])])
+        assert np.degrees(result.gyro.held_out.error.max()) < 0.5
+    assert np.abs(pulls).max() < 4 and np.sqrt(np.mean(np.square(pulls))) < 1.5
+
+
 def test_correlated_standstills_widen_the_sigma_of_the_bias():
     """Means of neighbouring standstills with correlation 0.5: the mean has sqrt(3) times the white sigma."""
     rng = np.random.default_rng(16)
