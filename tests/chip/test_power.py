@@ -17,8 +17,8 @@ def test_a_load_behind_the_regulator_costs_more_and_time_awake_more_than_waiting
     assert power.node_milliwatts(0.5, load) == pytest.approx(0.5 * 130 + 0.5 * 105 + 3.3 / 0.85)
 
 
-def test_a_parked_node_wakes_up_for_20_ms_in_4_s():
-    expected = 0.005 * 130 + 0.995 * 0.99 * 5 + 0.55 * 3.3 / 0.85
+def test_a_parked_node_wakes_up_for_8_ms_in_4_s():
+    expected = 0.002 * 130 + 0.998 * 0.99 * 5 + 0.55 * 3.3 / 0.85
     assert power.asleep_milliwatts() == pytest.approx(expected)
 
 
