@@ -199,7 +199,9 @@ def main(argv=None):
     parser.add_argument("--report", action="store_true", help="measure a report of a parked node alone")
     args = parser.parse_args(argv)
     if args.report:
-        print(f"a report of a parked node with an LSM6DSO: {1000 * measure_report('lsm6dso', args.seed):.1f} ms")
+        print(
+            f"a report of a parked node with an LSM6DSO: {1000 * measure_report('lsm6dso', args.seed):.1f} ms"
+        )
         return 0
     names = args.settings.split(",")
     if unknown := sorted(set(names) - set(SETTINGS)):
