@@ -207,6 +207,20 @@ def test_a_wheel_that_starts_late_is_named_and_the_other_one_is_used():
     assert odometer.warnings(end=True) == []
 
 
+@pytest.mark.parametrize("mirrored", [(), ("left",), ("left", "right")])
+def test_mirrored_axes_of_a_node_are_named_while_driving(mirrored):
+    """Live they are named but not corrected: x and y are exchanged in the nodes listed."""
+    odometer, exchange = Odometer(TWO_WHEELS, 0), [1, 0, 2]
+    for block in blocks(3):
+        if block.node in mirrored:
+            gyro, accel = block.gyro[:, exchange], block.accel[:, exchange]
+            block = ImuBlock(block.node, gyro, accel, None, 0, t_ns=block.t_ns)
+        odometer.handle(block)
+    odometer.finish()
+    named = [line for line in odometer.warnings(end=True) if "an axis is mirrored" in line]
+    assert sorted(line.split(":")[0] for line in named) == list(mirrored)
+
+
 def test_the_rate_of_the_odometry_can_be_reduced():
     full_rate, reduced_rate = Odometer(TWO_WHEELS, 0), Odometer(TWO_WHEELS, 0, rate_hz=20.0)
     for block in blocks(3):
