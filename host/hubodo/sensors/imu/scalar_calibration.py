@@ -26,6 +26,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtrc
 
 from hubodo.arrays import Array
 from hubodo.calibration.triad import Triad
@@ -42,6 +43,8 @@ from hubodo.sensors.imu.pose_observability import (
 
 Convention = Literal["symmetric", "x-first"]
 
+_MAX_CHANCE = 0.01
+"""Probability of a reduced chi-square below which the noise level is taken from the misfit."""
 MAX_ITERATIONS = 50
 _NONLINEAR_ITERATIONS = 4
 """Iterations that invert terms of up to 3 % of the reference to 1e-6."""
@@ -138,7 +141,8 @@ def fit_scalar_calibration(
     poses = assess_poses(w / np.linalg.norm(w, axis=1)[:, None], np.sqrt(variance), factory)
     _check_poses(poses, allow_partial, name)
     chi2 = fit.reduced_chi2(rows, residual, variance)
-    covariance = fit.covariance(rows, variance, max(1.0, chi2 or 1.0)) + fit.of_second_order(
+    variance_factor = fit.variance_factor(chi2)
+    covariance = fit.covariance(rows, variance, variance_factor) + fit.of_second_order(
         p, ~poses.is_observable
     )
 
@@ -149,7 +153,7 @@ def fit_scalar_calibration(
     full = convert(p)
     jacobian = _jacobian(convert, p)
     units = np.diag([reference] * 3 + [1.0] * 6)
-    nonlinear, nonlinear_sigma, remainder = fit.nonlinear(p, max(1.0, chi2 or 1.0))
+    nonlinear, nonlinear_sigma, remainder = fit.nonlinear(p, variance_factor)
     return ScalarCalibration(
         Triad(full[:3], full[3:].reshape(3, 3)),
         units @ p,
@@ -280,6 +284,17 @@ class _NormFit:
         used = np.einsum("ri,ij,rj,r->", rows, self.covariance(rows, variance), rows, 1 / variance)
         freedom = len(residual) - float(used) - 3 * len(self.exponents)
         return float((residual**2 / variance).sum()) / freedom if freedom > 0.5 else None
+
+    def variance_factor(self, chi2: float | None) -> float:
+        """Return the factor by which a reduced chi-square widens the variances.
+
+        If chance does not explain it, the noise level is an estimate from few poses, and the variance is that
+        of Student's t distribution.
+        """
+        dof = len(self.u) - 9 - 3 * len(self.exponents)
+        if chi2 is None or dof <= 2 or chdtrc(dof, chi2 * dof) > _MAX_CHANCE:
+            return max(1.0, chi2 or 1.0)
+        return chi2 * dof / (dof - 2)
 
     def of_second_order(self, p: Array, unobservable: NDArray[np.bool_]) -> Array:
         """Return the (9, 9) second-order effect of unobservable parameters (angle d: axis shorter by d²/2).
