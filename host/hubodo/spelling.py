@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 _MAX_COMPARED_LENGTH = 60  # characters; comparison takes quadratic time
@@ -15,11 +15,7 @@ _SHORT_WORD_LENGTH = 3
 def suggest_spelling(word: str, known: Iterable[str]) -> str:
     """Return ", did you mean ...?" for an error about an unknown word; "" where no known word is similar."""
     known_by_text = {text.lstrip("-"): text for text in known}  # common hyphens must not count as similarity
-    text = word[:_MAX_COMPARED_LENGTH].lstrip("-")
-    is_short = len(text) <= _SHORT_WORD_LENGTH
-    similarity = _MIN_SIMILARITY_OF_SHORT_WORDS if is_short else _MIN_SIMILARITY
-    close = difflib.get_close_matches(text, list(known_by_text), 1, similarity)
-    return f", did you mean {known_by_text[close[0]]!r}?" if close else ""
+    return _suggest(word.lstrip("-"), known_by_text)
 
 
 def suggest_file(path: Path) -> str:
@@ -30,8 +26,14 @@ def suggest_file(path: Path) -> str:
         return ""
     if path.name in names:
         return ""
-    stem = path.name.partition(".")[0]
-    same_stem = next((name for name in names if name.partition(".")[0] == stem), None)
-    if same_stem is not None:
-        return f", did you mean {str(path.parent / same_stem)!r}?"
-    return suggest_spelling(path.name, names)
+    # Common suffixes must not count as similarity.
+    known_by_stem = {name.partition(".")[0]: str(path.parent / name) for name in reversed(names)}
+    return _suggest(path.name.partition(".")[0], known_by_stem)
+
+
+def _suggest(word: str, known_by_text: Mapping[str, str]) -> str:
+    text = word[:_MAX_COMPARED_LENGTH]
+    is_short = len(text) <= _SHORT_WORD_LENGTH
+    similarity = _MIN_SIMILARITY_OF_SHORT_WORDS if is_short else _MIN_SIMILARITY
+    close = difflib.get_close_matches(text, list(known_by_text), 1, similarity)
+    return f", did you mean {known_by_text[close[0]]!r}?" if close else ""

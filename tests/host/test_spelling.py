@@ -10,6 +10,6 @@ def test_a_missing_file_is_answered_by_the_one_that_was_meant(tmp_path: Path) ->
         (tmp_path / name).touch()
     for missing in ("drive", "drive.csv"):
         assert suggest_file(tmp_path / missing) == f", did you mean {str(tmp_path / 'drive.mcap')!r}?"
-    assert suggest_file(tmp_path / "nihgt.mcap") == ", did you mean 'night.mcap'?"
-    assert suggest_file(tmp_path / "xyz") == suggest_file(tmp_path / "none" / "a.mcap") == ""
+    assert suggest_file(tmp_path / "nihgt.mcap") == f", did you mean {str(tmp_path / 'night.mcap')!r}?"
+    assert suggest_file(tmp_path / "xyz.mcap") == suggest_file(tmp_path / "none" / "a.mcap") == ""
     assert suggest_file(tmp_path / "drive.mcap") == "", "an existing file that cannot be read"
