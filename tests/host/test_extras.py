@@ -79,6 +79,7 @@ def commands_with_extras(folder: Path) -> Iterator[tuple[str, tuple[object, ...]
     yield "", ("vehicle", "--help")
     yield "", ("fuse", log, "--vehicle", folder / "v.toml", "-o", folder / "fused")
     yield "", ("calibrate", "imu", log, "-o", folder / "c.toml")
+    yield "", ("sheet", "--still", log, "--node", "left", "-o", folder / "sheet")
     yield "", ("calibrate", "wheels", log, "--vehicle", folder / "v.toml", "-o", folder / "c.toml")
     yield "", ("report", log, "-o", folder / "r.html")
     yield "", ("simulate", folder / "m.toml", "--duration", "6", "--rate", "20", "-o", folder / "s.mcap")

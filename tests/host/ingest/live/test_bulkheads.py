@@ -15,7 +15,7 @@ from generators.fake_drive import VEHICLE_TOML, raw_rows, short_drive
 from generators.gnss_drives import geodetic
 from hubodo.ingest.gnss.session import GnssSession
 from hubodo.ingest.link.session import LinkSession
-from hubodo.ingest.live import daemon, snapshot, view
+from hubodo.ingest.live import daemon, take_snapshot, view
 from hubodo.ingest.live.bulkheads import Bulkheads
 from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.localizer import Localizer
@@ -77,7 +77,7 @@ PARTS = {
     "the page's status": (LivePage, "show", always, "page"),
     "metrics": (MetricsServer, "show", always, "metrics"),
     "the service manager": (ServiceNotifier, "show", always, "service manager"),
-    "the status": (snapshot, "memory_in_use", always, "status"),
+    "the status": (take_snapshot, "memory_in_use", always, "status"),
 }
 HURTS_LEFT = {"frames of a node", "ticks of a node", "bytes of a link", "ticks of a link"}
 
