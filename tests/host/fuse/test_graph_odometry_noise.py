@@ -293,7 +293,6 @@ def test_heading_drift_is_covered_by_sigma_with_fixes_of_five_metres():
     assert np.mean(inflated, axis=0)[0] < np.mean(not_inflated, axis=0)[0]
 
 
-@pytest.mark.repeat
 def test_on_a_real_car_errors_agree_with_sigma_for_fixes_of_five_metres():
     wanted.recording("car")
     for path, constants, truth in car_gnss.paths([("right",)]).values():

@@ -24,7 +24,6 @@ def uncalibrated_error(logs):
     return cache(lambda name, nodes: car.largest_percent(logs[name], nodes, None))
 
 
-@pytest.mark.repeat
 def test_one_wheel_calibrated_on_one_drive_beats_tape_measured_sizes_on_others(
     logs, uncalibrated_error, monkeypatch
 ):

@@ -128,7 +128,6 @@ def test_the_distance_is_consistent_with_radii_as_wrong_as_their_origin_says(sou
     assert low < sum(values) < high, values
 
 
-@pytest.mark.repeat
 def test_two_wheels_are_no_worse_than_the_better_single_wheel() -> None:
     """Compare the rms of the error at the end over six drives of 70 m, seeds 40..45."""
     errors: dict[tuple[str, ...], list[float]] = {names: [] for names in (("left",), ("right",), BOTH)}

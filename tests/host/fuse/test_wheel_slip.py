@@ -104,7 +104,6 @@ def test_carelessly_measured_wheels_are_still_used_as_one_axle():
         assert result.false == 0 and result.error < 2.0, (seed, result)
 
 
-@pytest.mark.repeat
 def test_no_slip_is_detected_on_real_drives():
     wanted.recording("car")
     alarms = count_real_alarms()

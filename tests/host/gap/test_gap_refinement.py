@@ -95,7 +95,6 @@ def test_an_effect_that_the_held_out_condition_does_not_show_stays():
     assert _best_stage([2.35128, 2.04242], [1.97809, 1.97850]) == 0
 
 
-@pytest.mark.repeat
 def test_the_model_of_one_real_drive_holds_on_the_next(tmp_path):
     """The first round names an effect of the drive, or refines one of the model as little as drives differ.
 

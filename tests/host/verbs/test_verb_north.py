@@ -252,7 +252,6 @@ def test_noise_that_is_given_is_widened_where_the_record_has_more(tmp_path, caps
     assert abs(result["azimuth_deg"] - 130.0) < 4 * result["sigma_deg"]
 
 
-@pytest.mark.repeat
 def test_a_real_gyro_on_a_simulated_table_finds_north_within_its_sigma(capsys):
     path = wanted.recording("static")
     words = [
