@@ -22,7 +22,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from generators.poses import GRAVITY, Errors, carry
 from hubodo.errors import HubodoError
 from hubodo.sensors.imu.calibrate import calibrate_imu
-from hubodo.sensors.imu.turns import calibrate_from_turns, collect_turns
+from hubodo.sensors.imu.turn_calibration import calibrate_from_turns
+from hubodo.sensors.imu.turns import collect_turns
 
 FREE = [0, 1, 2, 3, 4, 5, 7, 8, 11]
 """Bias, and the six elements of a symmetric matrix."""

@@ -32,7 +32,7 @@ MIN_ROLLING_RATE = 0.3  # rad/s; a slower wheel does not vibrate
 
 
 def late_drive(seed: int, late: float, vibration: float) -> WheelDrive:
-    """Return a random drive whose right node is late by so many seconds, with vibration of both wheels."""
+    """Return a random drive whose right node is late by `late` seconds, with vibration of both wheels."""
     drive, rng = drawn(seed).drive, np.random.default_rng([seed, 34])
     nodes = {}
     for name, node in drive.nodes.items():

@@ -14,7 +14,8 @@ from hubodo.arrays import Array
 from hubodo.calibration.triad import Triad
 from hubodo.sensors.imu.scalar_calibration import ScalarCalibration
 from hubodo.sensors.imu.standstills import Standstills
-from hubodo.sensors.imu.turns import TurnCalibration, Turns, propagate_gravity
+from hubodo.sensors.imu.turn_calibration import TurnCalibration
+from hubodo.sensors.imu.turns import Turns, propagate_gravity
 
 
 def accel_frame_covariance(

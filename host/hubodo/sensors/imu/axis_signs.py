@@ -8,7 +8,8 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.errors import CalibrationError
-from hubodo.sensors.imu.turns import MIN_TURN_ANGLE, MIN_TURN_COUNT, Turns, turn_errors
+from hubodo.sensors.imu.turn_calibration import MIN_TURN_ANGLE, MIN_TURN_COUNT
+from hubodo.sensors.imu.turns import Turns, turn_errors
 
 _MAX_MEDIAN_ERROR = 0.1
 """rad; a turn of 90 degrees has this error with a scale error of 6 %, twice the largest of data sheets."""

@@ -23,7 +23,8 @@ from hubodo.sensors.imu.outlier_poses import drop_outlier_poses
 from hubodo.sensors.imu.result import GyroCalibration, ImuCalibration
 from hubodo.sensors.imu.scalar_calibration import Convention, ScalarCalibration, fit_scalar_calibration
 from hubodo.sensors.imu.standstills import Standstills, find_standstills, find_steady_turns
-from hubodo.sensors.imu.turns import Turns, calibrate_from_turns, collect_turns
+from hubodo.sensors.imu.turn_calibration import calibrate_from_turns
+from hubodo.sensors.imu.turns import Turns, collect_turns
 
 MIN_EARTH_RATE_SNR = 10.0
 """Minimum ratio of Earth rate to its sigma in a standstill.

@@ -19,7 +19,8 @@ from scipy.spatial.transform import Rotation
 
 from hubodo.arrays import Array
 from hubodo.earth import EARTH_RATE
-from hubodo.sensors.imu.turns import TurnCalibration, Turns, calibrate_from_turns, turn_rotations
+from hubodo.sensors.imu.turn_calibration import TurnCalibration, calibrate_from_turns
+from hubodo.sensors.imu.turns import Turns, turn_rotations
 
 _MAX_LOST_TURN_ERROR = 0.3
 """rad; a turn with a larger misclosure does not carry the heading on."""

@@ -11,7 +11,8 @@ from hubodo.arrays import Array
 from hubodo.errors import CalibrationError
 from hubodo.sensors.imu.scalar_calibration import Convention, fit_scalar_calibration
 from hubodo.sensors.imu.standstills import Standstills
-from hubodo.sensors.imu.turns import Turns, calibrate_from_turns, turn_errors
+from hubodo.sensors.imu.turn_calibration import calibrate_from_turns
+from hubodo.sensors.imu.turns import Turns, turn_errors
 
 FOLD_COUNT = 5
 _MAX_LEAVE_ONE_OUT = 30

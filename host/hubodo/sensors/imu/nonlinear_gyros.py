@@ -13,13 +13,8 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.sensors.imu.nonlinear_terms import select_terms
-from hubodo.sensors.imu.turns import (
-    TurnCalibration,
-    Turns,
-    calibrate_from_turns,
-    propagate_gravity,
-    turn_errors,
-)
+from hubodo.sensors.imu.turn_calibration import TurnCalibration, calibrate_from_turns
+from hubodo.sensors.imu.turns import Turns, propagate_gravity, turn_errors
 
 _FAMILIES = (1, 3)
 _FAMILY_NAMES = {1: "asymmetry", 3: "cubic"}

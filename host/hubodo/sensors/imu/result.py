@@ -20,7 +20,7 @@ from hubodo.sensors.imu.held_out import CrossValidation
 from hubodo.sensors.imu.page import PARAMETER_HEADINGS, format_held_out, parameter_rows
 from hubodo.sensors.imu.scalar_calibration import ScalarCalibration
 from hubodo.sensors.imu.standstills import Standstills
-from hubodo.sensors.imu.turns import TurnCalibration
+from hubodo.sensors.imu.turn_calibration import TurnCalibration
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -20,13 +20,8 @@ from hubodo.sensors.imu.calibrate import calibrate_imu
 from hubodo.sensors.imu.earth_in_turns import estimate_earth_in_turns
 from hubodo.sensors.imu.misalignment import align_by_earth_rate
 from hubodo.sensors.imu.standstills import find_standstills, standard_error
-from hubodo.sensors.imu.turns import (
-    Turns,
-    calibrate_from_turns,
-    collect_turns,
-    propagate_gravity,
-    propagate_gravity_jacobian,
-)
+from hubodo.sensors.imu.turn_calibration import calibrate_from_turns
+from hubodo.sensors.imu.turns import Turns, collect_turns, propagate_gravity, propagate_gravity_jacobian
 from hubodo.verbs import calibrate_imu as verb
 from repetitions import first_and_more
 
