@@ -88,10 +88,7 @@ class InnerMagnetometer(Magnetometer):
 
     def _measure_until(self, t: float) -> None:
         """Measure the samples due by t."""
-        while self.clock.next_sample_time <= t:
-            sample = self.clock.next_sample(t)
-            if sample is None:
-                return
+        for sample in self.clock.samples_until(t):
             if self._is_held:
                 self._status |= _SKIPPED
                 continue

@@ -147,10 +147,7 @@ class Bmi088Accelerometer(RegisterChip):
 
     def _measure_until(self, t: float) -> None:
         """Measure the samples due by t, and store them in the FIFO."""
-        while self.clock.next_sample_time <= t:
-            sample = self.clock.next_sample(t)
-            if sample is None:
-                return
+        for sample in self.clock.samples_until(t):
             _, self._sample, self._temperature = sample
             self._data_ready = _DRDY
             if self.values[ACC_FIFO_CONFIG_1] & _IN_FIFO:
@@ -260,10 +257,7 @@ class Bmi088(Imu):
 
     def _measure_until(self, t: float) -> None:
         """Measure the samples due by t, and store them in the FIFO."""
-        while self.clock.next_sample_time <= t:
-            sample = self.clock.next_sample(t)
-            if sample is None:
-                return
+        for sample in self.clock.samples_until(t):
             self._sample = sample[1][:6]
             mode = self.values[FIFO_CONFIG_1] >> 6
             if mode == _BYPASS:

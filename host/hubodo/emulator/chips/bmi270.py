@@ -137,10 +137,7 @@ class Bmi270(Imu):
 
     def _measure_until(self, t: float) -> None:
         """Measure the samples due by t, and store them in the FIFO."""
-        while self.clock.next_sample_time <= t:
-            sample = self.clock.next_sample(t)
-            if sample is None:
-                return
+        for sample in self.clock.samples_until(t):
             _, words, self._temperature = sample
             self._sample = bytes(words[6:] + words[:6])
             self._data_ready = _DRDY_ACC | _DRDY_GYR

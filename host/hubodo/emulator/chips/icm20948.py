@@ -121,11 +121,7 @@ class Icm20948(BankedImu):
 
     def _measure_until(self, t: float) -> None:
         """Measure the samples due by t, and store them in the FIFO."""
-        while self.clock.next_sample_time <= t:
-            sample = self.clock.next_sample(t)
-            if sample is None:
-                return
-            _, words, temperature = sample
+        for _, words, temperature in self.clock.samples_until(t):
             swapped = bytearray(12)
             swapped[0::2], swapped[1::2] = words[1::2], words[0::2]
             self._sample = bytes(swapped[6:] + swapped[:6]) + temperature.to_bytes(2, "big", signed=True)

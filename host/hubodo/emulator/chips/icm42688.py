@@ -142,11 +142,7 @@ class Icm42688(BankedImu):
 
     def _measure_until(self, t: float) -> None:
         """Measure the samples due by t, and store them in the FIFO."""
-        while self.clock.next_sample_time <= t:
-            sample = self.clock.next_sample(t)
-            if sample is None:
-                return
-            when, words, temperature = sample
+        for when, words, temperature in self.clock.samples_until(t):
             swapped = bytearray(12)
             swapped[0::2], swapped[1::2] = words[1::2], words[0::2]
             previous, fresh = self._sample, bytes(swapped[6:] + swapped[:6])

@@ -89,10 +89,7 @@ class Lis3mdl(Magnetometer):
 
     def _measure_until(self, t: float) -> None:
         """Measure the samples due by t."""
-        while self.clock.next_sample_time <= t:
-            sample = self.clock.next_sample(t)
-            if sample is None:
-                return
+        for sample in self.clock.samples_until(t):
             _, self._sample, self._temperature = sample
             self._status = 0xFF if self._status & 0x08 else 0x0F
             if self.values[CTRL3] & 3 == _SINGLE:

@@ -191,10 +191,7 @@ class Lsm6ds33(Imu):
     def _measure_until(self, t: float) -> None:
         """Measure the samples due by t, and store them in the FIFO."""
         clock = self.clock
-        while clock.next_sample_time <= t:
-            sample = clock.next_sample(t)
-            if sample is None:
-                return
+        for sample in clock.samples_until(t):
             previous = self._sample
             _, self._sample, self._temperature = sample
             if self.values[MD1_CFG] & _INT1_WU:

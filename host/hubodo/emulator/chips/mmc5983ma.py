@@ -78,10 +78,7 @@ class Mmc5983ma(Magnetometer):
 
     def _measure_until(self, t: float) -> None:
         """Measure the samples due by t."""
-        while self.clock.next_sample_time <= t:
-            sample = self.clock.next_sample(t)
-            if sample is None:
-                return
+        for sample in self.clock.samples_until(t):
             words = np.frombuffer(sample[1], "<i2").astype(np.int32) + ZERO_FIELD
             self._sample = words.astype(">u2").tobytes()
             self._status |= _DONE

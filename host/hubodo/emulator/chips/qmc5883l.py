@@ -64,11 +64,8 @@ class Qmc5883l(Magnetometer):
 
     def _measure_until(self, t: float) -> None:
         """Measure the samples due by t."""
-        while self.clock.next_sample_time <= t:
-            sample = self.clock.next_sample(t)
-            if sample is None:
-                return
-            _, self._sample, _ = sample
+        for sample in self.clock.samples_until(t):
+            self._sample = sample[1]
             saturated = np.abs(np.frombuffer(self._sample, "<i2").astype(int)).max() >= 32767
             skipped = _SKIPPED if self._status & _DATA_READY else 0
             self._status = _DATA_READY | skipped | (_OVERFLOW if saturated else 0)

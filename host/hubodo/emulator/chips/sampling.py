@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -181,6 +181,11 @@ class SampleClock:
                 continue
             return self._record_sample(index, when)
         return None
+
+    def samples_until(self, t: float) -> Iterator[tuple[float, bytes, int]]:
+        """Yield the samples due by t, as `next_sample` does; the clock may be stopped meanwhile."""
+        while (sample := self.next_sample(t)) is not None:
+            yield sample
 
     def _is_missed(self, when: float) -> bool:
         """Return True if a fault suppresses the sample at `when`."""
