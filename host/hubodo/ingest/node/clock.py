@@ -23,6 +23,9 @@ _ONE_WAY_NOISE_NS = 1e6  # 1 sigma of the earliest arrival in a window
 _ONE_WAY_WINDOW_NS = 1_000_000_000
 _DRIFT_SIGNIFICANCE_SIGMA = 2.0
 _REJECTIONS_TO_RESET = 4
+_LATE_WINDOWS_TO_RESET = 60
+"""Consecutive windows of late arrivals before a reset. A frame can be read late, never before it was sent:
+late arrivals for seconds show a starved computer, for a minute a node whose clock stood still."""
 
 
 class TickUnwrapper:
@@ -128,6 +131,8 @@ class ClockSync:
 
     def __init__(self) -> None:
         self._resets = 0
+        self.restarts = 0
+        """Number of restarts of the node's clock."""
         self.revision = 0
         """Counter that increases whenever the estimate changes."""
         self._reset_state()
@@ -152,6 +157,7 @@ class ClockSync:
         """Reset the estimate after a restart of the node's clock."""
         self._reset_state()
         self._resets += 1
+        self.restarts += 1
 
     @property
     def source(self) -> str:
@@ -270,8 +276,9 @@ class ClockSync:
         innovation = (measured_offset_ns - self._base_ns) - offset
         if abs(innovation) > self._bound + bound + 5 * math.sqrt(p00 + variance):
             self._rejections += 1
-            if self._rejections >= _REJECTIONS_TO_RESET:
-                source = self._source
+            source = self._source
+            is_late_arrival = source == "one way" and innovation > 0.0
+            if self._rejections >= (_LATE_WINDOWS_TO_RESET if is_late_arrival else _REJECTIONS_TO_RESET):
                 self._resets += 1
                 self._initialise(measured_offset_ns, device_ns, variance, bound, source)
             return False

@@ -28,8 +28,11 @@ from hubodo.recording import Event
 from hubodo.units import NS_PER_S
 from hubowire.messages import Hello, ResetCause
 
-_MAX_CLOCK_WAIT_NS = NS_PER_S // 2  # samples are held for the first clock replies
+_MAX_CLOCK_WAIT_NS = (
+    5 * NS_PER_S
+)  # samples are held for the first clock replies; on a starved host they are late
 _MIN_CLOCK_REPLIES = 6  # a single reply may be late by a scheduling delay of a busy host
+_MAX_INITIAL_SIGMA_NS = NS_PER_S // 4  # above that of any link: the host itself reads late
 _REPORTS: tuple[type, ...] = (MagSample, BiasFilterReport, HealthReceived)
 TimedOutput = ImuBlock | MagSample | BiasFilterReport | HealthReceived  # logged at the time of measurement
 
@@ -37,8 +40,8 @@ TimedOutput = ImuBlock | MagSample | BiasFilterReport | HealthReceived  # logged
 class SamplePublisher:
     """Gives the samples and reports of one node their host times, and logs them.
 
-    They are held for up to 0.5 s after a start until the node has answered some clock requests, so that the
-    first samples do not get host times that would have to be corrected.
+    They are held for up to 5 s after a start until the node has answered some clock requests in time, so that
+    the first samples do not get host times that would have to be corrected.
 
     Parameters
     ----------
@@ -64,12 +67,15 @@ class SamplePublisher:
         self._supply_history = SupplyHistory()
         self._held: list[TimedOutput] = []
         self._held_since_ns = 0
+        self._clock_is_known = False
         self._rate_window = RateWindow()
 
     @property
     def clock_is_known(self) -> bool:
         """True if samples need not be held any more."""
-        return self._clock.exchanges >= _MIN_CLOCK_REPLIES
+        if not self._clock_is_known and self._clock.exchanges >= _MIN_CLOCK_REPLIES:
+            self._clock_is_known = self._clock.estimate().sigma_ns <= _MAX_INITIAL_SIGMA_NS
+        return self._clock_is_known
 
     def rate(self, now_ns: int) -> float:
         """Return the sample rate over the last two seconds, Hz."""
@@ -89,6 +95,7 @@ class SamplePublisher:
         """Publish what is held of the boot that has ended; those of the next one are held again."""
         yield from self.release()
         self._held_since_ns = 0
+        self._clock_is_known = False
 
     def add(self, item: TimedOutput) -> Iterator[ImuBlock]:
         """Publish an item and all held ones if the clock is known or the wait is over, else hold it."""

@@ -161,6 +161,39 @@ def test_a_node_that_cannot_answer_is_followed_by_its_earliest_arrivals():
     assert abs(estimate.drift * 1e6 - 70) < 25
 
 
+@pytest.mark.parametrize("seed", [0, *first_and_more(*range(1, 8))])
+def test_arrivals_read_seconds_late_for_half_a_minute_do_not_move_the_clock(seed):
+    rng, sync, clock = np.random.default_rng(seed), ClockSync(), SimulatedClock(30)
+    backlog, errors = 0.0, []
+    for k in range(1, 90 * 26):
+        t = T0 + k * NS_PER_S / 26
+        # Starved from 20 to 50 s: the backlog grows and shrinks at random, then is read at double speed.
+        backlog = max(backlog + (rng.uniform(-0.15, 0.2) if 20 * 26 < k < 50 * 26 else -1 / 26), 0.0)
+        sync.add_arrival(clock.us(t), int(t + (0.004 + rng.exponential(0.003) + backlog) * NS_PER_S))
+        errors.append(error_ns(sync, clock, clock.us(t)))
+    assert sync.resets == 0
+    assert np.abs(errors).max() < 20e6, f"seed {seed}"
+
+
+@pytest.mark.parametrize(("step_s", "within_s"), [(5.0, 69), (-5.0, 6)])
+def test_arrivals_show_a_clock_that_was_set_ahead_in_seconds_and_one_that_stood_still_in_a_minute(
+    step_s, within_s
+):
+    """A frame can be read late, never before it was sent; so lateness has to last."""
+    sync, clock = ClockSync(), SimulatedClock(0)
+    for k in range(1, 120 * 26):
+        t = T0 + k * NS_PER_S / 26
+        if k == 20 * 26:
+            clock.start_us -= int(step_s * 1e6)
+        sync.add_arrival(clock.us(t), int(t + 0.004 * NS_PER_S))
+        if k == (20 + within_s) * 26:
+            assert sync.resets == 1
+            assert abs(error_ns(sync, clock, clock.us(t))) < 20e6
+        elif k == (20 + within_s - 5) * 26:
+            assert sync.resets == 0
+    assert sync.resets == 1
+
+
 def test_an_answer_replaces_arrival_times():
     sync, clock = ClockSync(), SimulatedClock(0)
     sync.add_arrival(clock.us(T0 + NS_PER_S), T0 + NS_PER_S + 15_000_000)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -19,15 +20,15 @@ class SettableClock:
 
     offset: int = T0
     revision: int = 0
-    resets: int = 0
+    restarts: int = 0
 
     def to_host_ns(self, device_ns):
         return device_ns + self.offset
 
-    def correct(self, by, *, reset=False):
+    def correct(self, by, *, restart=False):
         self.offset += by
         self.revision += 1
-        self.resets += reset
+        self.restarts += restart
 
 
 def samples(first, count):
@@ -60,12 +61,38 @@ def test_a_large_correction_is_applied_at_once():
     np.testing.assert_array_equal(times.to_host_ns(samples(10, 10)), samples(10, 10) + T0 + 5_000_000)
 
 
+def test_a_correction_that_would_repeat_published_times_is_slewed_at_a_thousandth_until_it_is_complete():
+    clock = SettableClock()
+    times = SlewedTimes(clock)
+    last = times.to_host_ns(samples(0, 10))[-1]
+    clock.correct(-3 * NS_PER_S)
+    number, after = 10, []
+    while not after or after[-1] > number * PERIOD_NS + T0 - 3 * NS_PER_S:
+        after += times.to_host_ns(samples(number, 1000)).tolist()
+        number += 1000
+        clock.correct(100 if number % 2000 else -100)  # further exchanges change the estimate a little
+    intervals = np.diff([last, *after]) / PERIOD_NS
+    assert 0.9e-3 < 1.0 - intervals.min() <= 1.01e-3
+    assert intervals.max() < 1.0 + 1e-4
+    assert number * PERIOD_NS / NS_PER_S == pytest.approx(3000.0, rel=0.01)
+
+
+def test_a_clock_that_stood_still_is_followed_at_once_beyond_a_gap():
+    """The computer was suspended for an hour and did not count it; the node did."""
+    clock = SettableClock()
+    times = SlewedTimes(clock)
+    times.to_host_ns(samples(0, 10))
+    hour = 3600 * NS_PER_S
+    clock.correct(-hour)
+    np.testing.assert_array_equal(times.to_host_ns(samples(10, 9) + hour), samples(10, 9) + T0)
+
+
 def test_a_restart_takes_nothing_over():
     clock = SettableClock()
     times = SlewedTimes(clock)
     last = times.to_host_ns(samples(0, 1000))[-1]
     # Starts from 0, 1 ms after the time by the previous clock.
-    clock.correct(1000 * PERIOD_NS + 1_000_000, reset=True)
+    clock.correct(1000 * PERIOD_NS + 1_000_000, restart=True)
     again = times.to_host_ns(samples(0, 10))
     np.testing.assert_array_equal(again, last + PERIOD_NS + 1_000_000 + samples(0, 10))
 
