@@ -300,17 +300,11 @@ class SensorMethods:
         ----------
         Avrutov, scalar calibration of accelerometers and gyros, eq. 5.
         """
-        from hubodo.api.sensors import calibrate_log_imu
+        from hubodo.sensors.imu.node_imu import ImuOptions, calibrate_node_imu
 
-        return calibrate_log_imu(
-            self,
-            self._node(node),
-            gravity=gravity,
-            latitude_deg=latitude_deg,
-            table_rate_deg_s=table_rate_deg_s,
-            convention=convention,
-            min_standstill=min_standstill,
-        )
+        name = self._node(node)
+        options = ImuOptions(gravity, latitude_deg, table_rate_deg_s, convention, min_standstill)
+        return calibrate_node_imu(self.recording.nodes[name], name, str(self.path), options)
 
     def north(
         self,

@@ -1,10 +1,8 @@
-"""Heading, IMU calibration and north of a log in memory."""
+"""Heading and north of a log in memory."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,9 +12,6 @@ from hubodo.log.units import check_node_units
 from hubodo.sensors.heading.estimate import HeadingOptions, effects_of_node, heading_from_recording
 from hubodo.sensors.heading.prior import read_bias_noise
 from hubodo.sensors.heading.result import HeadingResult
-from hubodo.sensors.imu.calibrate import calibrate_imu
-from hubodo.sensors.imu.result import ImuCalibration
-from hubodo.sensors.imu.scalar_calibration import Convention
 from hubodo.sensors.north.from_recordings import NorthOptions, north_from_recordings
 from hubodo.sensors.north.measurements import METHODS
 from hubodo.sensors.north.measurements import Method as NorthMethod
@@ -63,32 +58,6 @@ def estimate_log_heading(
         return heading_from_recording(log.recording, node, options, log=str(log.path))
     except InputError as error:
         raise InputError(f"{where}, {axis}: {error}") from None
-
-
-def calibrate_log_imu(
-    log: SensorMethods,
-    node: str,
-    *,
-    gravity: float,
-    latitude_deg: float | None,
-    table_rate_deg_s: float | None,
-    convention: Convention,
-    min_standstill: float,
-) -> ImuCalibration:
-    """Return the calibration of a node; parameters as in `LoadedLog.calibrate_imu`."""
-    table = log.recording.nodes[node]
-    check_node_units(table, f"{log.path}, node {node}")
-    calibration = calibrate_imu(
-        table.t,
-        table.gyro,
-        table.accel,
-        gravity=gravity,
-        latitude=None if latitude_deg is None else math.radians(latitude_deg),
-        table_rate=None if table_rate_deg_s is None else math.radians(table_rate_deg_s),
-        convention=convention,
-        min_standstill=min_standstill,
-    )
-    return replace(calibration, node=node)
 
 
 def find_log_north(

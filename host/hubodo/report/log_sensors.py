@@ -236,8 +236,9 @@ def _poses(
     except (CalibrationError, InputError) as error:
         missing.append(f"{name}: scale and cross-axis of the triads: {error}")
         return []
+    count = len(result.standstills or ())
     facts.append(
-        f"{name}: calibrated from {len(result.standstills)} standstills in different poses; norm of gravity "
+        f"{name}: calibrated from {count} standstills in different poses; norm of gravity "
         f"{format_held_out(result.accel_held_out, 'm/s²')}"
     )
     return [

@@ -13,7 +13,7 @@ from hubodo.sensors.allan.figure import allan_figure
 from hubodo.sensors.allan.ieee952 import is_gyro
 from hubodo.sensors.allan.page import comparison_table
 from hubodo.sensors.allan.result import AllanResult
-from hubodo.sensors.imu.page import format_held_out, imu_verdict, parameter_rows
+from hubodo.sensors.imu.page import imu_verdict, parameter_rows
 from hubodo.sensors.imu.result import ImuCalibration
 from hubodo.sensors.warmup.page import PARAMETER_HEADINGS as WARMUP_HEADINGS
 from hubodo.sensors.warmup.page import parameter_rows as warmup_rows
@@ -118,7 +118,7 @@ class SensorSheet:
         it = self.calibration
         if it is None:
             return []
-        text = f"{imu_verdict(it)} Length of gravity: {format_held_out(it.accel_held_out, 'm/s²')}."
+        text = imu_verdict(it)
         # Without the meanings, which make each row two lines high.
         rows = [row[:-1] for row in parameter_rows(it)]
         table = PageTable(PARAMETER_HEADINGS[:-1], rows)

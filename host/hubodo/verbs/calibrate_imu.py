@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -20,12 +19,11 @@ from hubodo.calibration.file import (
 )
 from hubodo.errors import InputError
 from hubodo.log.any_log import read_log
-from hubodo.log.units import check_node_units
 from hubodo.pages.page import render_page
 from hubodo.progress import progress_line
 from hubodo.recording import Recording, Table
-from hubodo.sensors.imu.calibrate import calibrate_imu
-from hubodo.sensors.imu.page import format_held_out, imu_sections, imu_verdict
+from hubodo.sensors.imu.node_imu import ImuOptions, calibrate_node_imu
+from hubodo.sensors.imu.page import imu_sections, imu_verdict
 from hubodo.sensors.imu.result import ImuCalibration
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, stated_input_format
 from hubodo.verbs.numbers import latitude, positive_number
@@ -94,26 +92,21 @@ def run(args: argparse.Namespace) -> ImuCalibration:
         recording = read_log(args.log, input_format=stated_input_format(args, needed=()), progress=show)
         show("detecting static poses and turns", 0.5)
         table = node_table(recording, args.node, str(args.log))
-        check_node_units(table, f"{args.log}, node {args.node}")
         before = read_calibration(args.output) if args.output.exists() else Calibration()
-        calibration = calibrate_imu(
-            table.t,
-            table.gyro,
-            table.accel,
-            gravity=args.gravity,
-            latitude=None if args.latitude_deg is None else math.radians(args.latitude_deg),
-            table_rate=None if args.table_rate_deg_s is None else math.radians(args.table_rate_deg_s),
-            convention=args.convention,
-            min_standstill=args.min_rest,
-        )
-    result = replace(calibration, node=args.node, output=str(args.output))
+        calibration = calibrate_node_imu(table, args.node, str(args.log), imu_options(args))
+    result = replace(calibration, output=str(args.output))
     effects = calibrated_effects(result, table, hash_source(args.log))
     serial = find_node_serial(recording.metadata, args.node)
     write_calibration(before.with_node(args.node, effects, serial), args.output)
     if args.report is not None:
-        lead = f"{imu_verdict(result)} Length of gravity: {format_held_out(result.accel_held_out, 'm/s²')}."
-        write_atomically(args.report, render_page(f"Calibration of {args.node}", lead, imu_sections(result)))
+        page = render_page(f"Calibration of {args.node}", imu_verdict(result), imu_sections(result))
+        write_atomically(args.report, page)
     return result
+
+
+def imu_options(args: argparse.Namespace) -> ImuOptions:
+    """Return the options of the calibration."""
+    return ImuOptions(args.gravity, args.latitude_deg, args.table_rate_deg_s, args.convention, args.min_rest)
 
 
 def calibrated_effects(
@@ -122,7 +115,7 @@ def calibrated_effects(
     """Return the calibration as effects for the calibration file, with their provenance."""
     date = datetime.now(UTC).date().isoformat()
     span = find_temperature_span(table)
-    methods = {"accel": result.notes[0], "gyro": result.gyro.method}
+    methods = {"accel": result.notes[0], "gyro": "" if result.gyro is None else result.gyro.method}
     return {
         name: CalibratedEffect(parameters, methods[name.partition("_")[0]], source_sha256, date, span)
         for name, parameters in result.effect_parameters().items()

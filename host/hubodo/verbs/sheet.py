@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,13 +21,13 @@ from hubodo.calibration.file import (
     write_calibration,
 )
 from hubodo.errors import HubodoError, InputError
-from hubodo.log.units import check_node_units, si_factor
+from hubodo.log.units import si_factor
 from hubodo.progress import progress_line
 from hubodo.recording import Recording
 from hubodo.report.sensor_sheet import SensorSheet, SheetRecord
 from hubodo.sensors.allan.characterise import characterise_standstill_noise
 from hubodo.sensors.allan.noise_files import NOISE_CHANNELS, kalibr_yaml
-from hubodo.sensors.imu.calibrate import calibrate_imu
+from hubodo.sensors.imu.node_imu import ImuOptions, calibrate_node_imu
 from hubodo.sensors.standstill_channel import StandstillRecord, read_standstill_channel
 from hubodo.sensors.warmup.characterise import characterise_standstill_warmup
 from hubodo.verbs.calibrate_imu import calibrated_effects
@@ -216,16 +215,11 @@ class _SheetBuilder:
     def add_poses(self, recording: Recording, log: Path) -> None:
         """Add the calibration of both triads."""
         table, args = recording.nodes[self.node], self._args
-        check_node_units(table, f"{log}, node {self.node}")
         with progress_line() as show:
             show("detecting static poses and turns", 0.5)
             try:
-                calibration = calibrate_imu(
-                    table.t,
-                    table.gyro,
-                    table.accel,
-                    gravity=args.gravity,
-                    latitude=None if args.latitude_deg is None else math.radians(args.latitude_deg),
+                calibration = calibrate_node_imu(
+                    table, self.node, str(log), ImuOptions(args.gravity, args.latitude_deg)
                 )
             except HubodoError as error:
                 raise type(error)(f"{log}: {error}") from error

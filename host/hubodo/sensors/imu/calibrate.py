@@ -14,24 +14,22 @@ from hubodo.errors import CalibrationError, InputError
 from hubodo.sensors.imu.accel_frame import accel_frame_covariance
 from hubodo.sensors.imu.axis_signs import check_axis_signs
 from hubodo.sensors.imu.earth_in_turns import estimate_earth_in_turns
-from hubodo.sensors.imu.held_out import cross_validate_accel, cross_validate_turns
-from hubodo.sensors.imu.latitude_check import check_horizontal_rate, check_latitude
-from hubodo.sensors.imu.misalignment import align_by_earth_rate, rotate_triad
+from hubodo.sensors.imu.held_out import CrossValidation, cross_validate_accel, cross_validate_turns
+from hubodo.sensors.imu.latitude_check import check_horizontal_rate
 from hubodo.sensors.imu.nonlinear_gyros import calibrate_with_terms
 from hubodo.sensors.imu.nonlinear_terms import describe_accelerometers, fit_accelerometers
 from hubodo.sensors.imu.outlier_poses import drop_outlier_poses
 from hubodo.sensors.imu.result import GyroCalibration, ImuCalibration
-from hubodo.sensors.imu.scalar_calibration import Convention, ScalarCalibration, fit_scalar_calibration
-from hubodo.sensors.imu.standstills import Standstills, find_standstills, find_steady_turns
-from hubodo.sensors.imu.turn_calibration import calibrate_from_turns
+from hubodo.sensors.imu.scalar_calibration import Convention, ScalarCalibration
+from hubodo.sensors.imu.standstills import Standstills, find_standstills
 from hubodo.sensors.imu.turns import Turns, collect_turns
+from hubodo.sensors.imu.vector_references import (
+    calibrate_by_earth_rate,
+    calibrate_by_table,
+    calibrate_gyro_alone,
+    earth_rate_deficit,
+)
 
-MIN_EARTH_RATE_SNR = 10.0
-"""Minimum ratio of Earth rate to its sigma in a standstill.
-
-Below it the directions in eq. 5 are mostly noise, and the bias of their squares, 1/SNR², exceeds one per
-cent.
-"""
 MAX_G_SENSITIVITY_P_VALUE = 1e-3
 MIN_CORRELATED_COUNT = 8
 """Standstills from which on the correlation of neighbours is estimated."""
@@ -52,10 +50,11 @@ def calibrate_imu(
 ) -> ImuCalibration:
     """Calibrate both triads of a node from a record with standstills in nine or more poses.
 
-    t: (N,) s. gyro: (N, 3) rad/s. accel: (N, 3) m/s². gravity: local gravity, m/s². latitude: rad, needed
-    for Earth rate as the reference of the gyros; without it, or if the gyros are too noisy, the turns
-    between standstills are the reference. table_rate: rate of a rate table, rad/s, on which the node
-    turned steadily in nine or more poses; it is then the reference. convention: convention of the
+    t: (N,) s. gyro: (N, 3) rad/s. accel: (N, 3) m/s². A triad that is not measured has the shape (N, 0).
+    gravity: local gravity, m/s². latitude: rad, needed for Earth rate as the reference of the gyros; without
+    it, or if the gyros are too noisy, the turns between standstills are the reference. table_rate: rate of a
+    rate table, rad/s, on which the node turned steadily in nine or more poses; it is then the reference. The
+    reference of a gyro alone is Earth rate or that of the table. convention: convention of the
     accelerometer misalignments. min_standstill: s. Raises CalibrationError if data are missing, InputError
     for an impossible gravity or latitude.
     """
@@ -67,38 +66,59 @@ def calibrate_imu(
         degrees = "; it is given in degrees, radians are expected" if abs(latitude) <= 90 else ""
         raise InputError(f"latitude {np.degrees(latitude):.4g} degrees is out of range{degrees}")
     _check_finite(t, gyro, accel)
-    standstills = drop_outlier_poses(find_standstills(t, gyro, accel, min_duration=min_standstill), gravity)
-    notes = list(standstills.rejected)
-    accelerometers = fit_accelerometers(standstills, gravity, convention)
-    notes += describe_accelerometers(accelerometers)
-    held_out = cross_validate_accel(standstills, gravity, convention, accelerometers.exponents)
-    if held_out is not None and held_out.rms > held_out.rms_before:
-        raise CalibrationError(
-            "the calibration makes the length of gravity worse in static poses that were not fitted "
-            f"({held_out.rms_before:.2g} m/s² before, {held_out.rms:.2g} after): the accelerometers are "
-            "better than these poses show; stand still longer, in more poses"
-        )
+    if not accel.shape[1]:
+        rests, alone = calibrate_gyro_alone(t, gyro, table_rate, min_standstill)
+        notes = [f"gyros: {alone.method}", "gyro misalignments by the symmetric convention: no accelerometer"]
+        return ImuCalibration(rests, gravity, None, None, alone, tuple(notes))
+    standstills, accelerometers, held_out, notes = calibrate_accelerometers(
+        find_standstills(t, gyro, accel, min_duration=min_standstill), gravity, convention
+    )
+    if not gyro.shape[1]:
+        return ImuCalibration(standstills, gravity, accelerometers, held_out, None, tuple(notes))
     force = accelerometers.correct(standstills.accel)
     all_force = np.asarray(accelerometers.correct(accel))
     check_axis_signs(collect_turns(t, gyro, standstills.gyro.mean(axis=0), standstills, force))
     if table_rate is None:
         calibrated = _calibrate_gyro(t, gyro, all_force, standstills, accelerometers, latitude, notes)
     else:
-        calibrated = _calibrate_by_table(t, gyro, standstills, force, table_rate, notes)
-    notes.insert(
-        0,
-        f"accelerometer misalignments: {convention} convention, from the norm of gravity in "
-        f"{len(standstills)} standstills",
-    )
+        calibrated = calibrate_by_table(t, gyro, standstills, force, table_rate, notes)
     notes.insert(1, f"gyros: {calibrated.method}")
-    if not accelerometers.poses.is_sufficient:
-        notes.insert(2, f"left out: {accelerometers.poses.describe_deficit('accel')}")
     return ImuCalibration(standstills, gravity, accelerometers, held_out, calibrated, tuple(notes))
+
+
+def calibrate_accelerometers(
+    standstills: Standstills, gravity: float, convention: Convention
+) -> tuple[Standstills, ScalarCalibration, CrossValidation | None, list[str]]:
+    """Calibrate the accelerometer triad by the length of gravity, m/s², without contradictory standstills.
+
+    Returns the standstills used, the calibration, its errors on standstills that were not fitted, and notes.
+    Raises CalibrationError if the poses do not suffice, or held-out poses become worse.
+    """
+    standstills = drop_outlier_poses(standstills, gravity)
+    calibration = fit_accelerometers(standstills, gravity, convention)
+    held_out = cross_validate_accel(standstills, gravity, convention, calibration.exponents)
+    if held_out is not None and held_out.rms > held_out.rms_before:
+        raise CalibrationError(
+            "the calibration makes the length of gravity worse in static poses that were not fitted "
+            f"({held_out.rms_before:.2g} m/s² before, {held_out.rms:.2g} after): the accelerometers are "
+            "better than these poses show; stand still longer, in more poses"
+        )
+    notes = [
+        f"accelerometer misalignments: {convention} convention, from the norm of gravity in "
+        f"{len(standstills)} {'poses' if standstills.are_means else 'standstills'}",
+        *standstills.rejected,
+        *describe_accelerometers(calibration),
+    ]
+    if not calibration.poses.is_sufficient:
+        notes.insert(1, f"left out: {calibration.poses.describe_deficit('accel')}")
+    return standstills, calibration, held_out, notes
 
 
 def _check_finite(t: Array, gyro: Array, accel: Array) -> None:
     """Raise InputError with the first time at which a sample is not a number."""
     for name, values in (("gyro", gyro), ("accelerometer", accel)):
+        if not values.shape[1]:
+            continue
         missing = ~np.isfinite(values).all(axis=1)
         if missing.all():
             raise InputError(f"the {name} is not measured: every sample lacks an axis")
@@ -160,6 +180,22 @@ def _correlation_factor(residual: Array) -> Array:
     return np.asarray((1.0 + correlation) / (1.0 - correlation))
 
 
+def try_earth_rate(
+    standstills: Standstills, force: Array, latitude: float | None, notes: list[str]
+) -> GyroCalibration | None:
+    """Return the calibration by Earth rate; None without a latitude or, with a note, if that fails."""
+    if latitude is None:
+        return None
+    if deficit := earth_rate_deficit(standstills):
+        notes.append(deficit)
+        return None
+    try:
+        return calibrate_by_earth_rate(standstills, force, latitude, notes)
+    except CalibrationError as error:
+        notes.append(f"Earth rate cannot be used as the gyros' reference: {error}")
+        return None
+
+
 def _calibrate_gyro(
     t: Array,
     gyro: Array,
@@ -173,19 +209,8 @@ def _calibrate_gyro(
     bias, bias_covariance, g_sensitivity, g_sigma = estimate_static_bias(
         standstills.gyro, standstills.gyro_sigma, force
     )
-    noise = float(np.sqrt((standstills.gyro_sigma**2).mean(axis=1)).max())
-    if latitude is not None and noise * MIN_EARTH_RATE_SNR < EARTH_RATE:
-        try:
-            return _calibrate_by_earth_rate(standstills, force, latitude, notes)
-        except CalibrationError as error:
-            notes.append(f"Earth rate cannot be used as the gyros' reference: {error}")
-    elif latitude is not None:
-        needed = float(np.median(standstills.duration)) * (noise * MIN_EARTH_RATE_SNR / EARTH_RATE) ** 2
-        notes.append(
-            f"gyros too noisy for Earth rate: a standstill determines the rate to {noise:.2g} rad/s, Earth "
-            f"rate is {EARTH_RATE:.2g}; standstills of {needed:.0f} s would be needed, if the bias is "
-            "stable that long"
-        )
+    if (by_earth_rate := try_earth_rate(standstills, force, latitude, notes)) is not None:
+        return by_earth_rate
     total_bias = np.asarray(bias if g_sensitivity is None else bias + all_force @ g_sensitivity.T)
     turns = collect_turns(t, gyro, total_bias, standstills, force)
     # The direction of Earth rate in each standstill is unknown, so it adds to the uncertainty of the bias.
@@ -258,56 +283,3 @@ def _add_turns(
         turns=calibration,
         held_out=cross_validate_turns(turns.select(calibration.used), bias_sigma),
     )
-
-
-def _calibrate_by_earth_rate(
-    standstills: Standstills, force: Array, latitude: float, notes: list[str]
-) -> GyroCalibration:
-    calibration = fit_scalar_calibration(standstills.gyro, EARTH_RATE, standstills.gyro_sigma, name="gyro")
-    method = f"Earth rate in {len(standstills)} standstills by the scalar method"
-    rate = calibration.triad.correct(standstills.gyro)
-    noise = np.sqrt((standstills.gyro_sigma**2).mean(axis=1))
-    check_latitude(force, rate, float(np.sqrt(np.mean(noise**2))), latitude)
-    try:
-        alignment = align_by_earth_rate(force, rate, noise, latitude)
-    except CalibrationError as error:
-        notes.append(f"gyro misalignments by the symmetric convention alone: {error}")
-        return GyroCalibration(calibration.triad, calibration.full_covariance, np.ones(9, bool), method)
-    triad = rotate_triad(calibration.triad, alignment.angle)
-    # A rotation by a small vector `angle` adds [angle x]' to the symmetric M.
-    jacobian = np.zeros((12, 3))
-    for k, e in enumerate(np.eye(3)):
-        jacobian[3:, k] = ((rotate_triad(triad, 1e-6 * e).matrix - triad.matrix) / 1e-6).ravel()
-    covariance = calibration.full_covariance + jacobian @ alignment.covariance @ jacobian.T
-    method += (
-        "; all six misalignments in the accelerometer's frame from the angle between gravity and Earth rate"
-    )
-    return GyroCalibration(triad, covariance, np.ones(9, bool), method)
-
-
-def _calibrate_by_table(
-    t: Array, gyro: Array, standstills: Standstills, force: Array, table_rate: float, notes: list[str]
-) -> GyroCalibration:
-    steady_rates, sigma = find_steady_turns(t, gyro, table_rate, standstills.gyro.mean(axis=0))
-    # Earth rate adds an unknown component to the table's rate.
-    sigma = np.sqrt(sigma**2 + EARTH_RATE**2 / 3)
-    calibration = fit_scalar_calibration(steady_rates, table_rate, sigma, name="gyro")
-    method = f"table rate of {table_rate:.6g} rad/s in {len(steady_rates)} steady turns by the scalar method"
-    bias_sigma = calibration.sigma[:3]
-    try:
-        turns = calibrate_from_turns(
-            collect_turns(t, gyro, calibration.triad.bias, standstills, force), bias_sigma
-        )
-        if turns.deficit:
-            raise CalibrationError(turns.deficit)
-    except CalibrationError as error:
-        notes.append(f"gyro misalignments by the symmetric convention alone: {error}")
-        return GyroCalibration(calibration.triad, calibration.full_covariance, np.ones(9, bool), method)
-    # Scale factors come from the table, the frame from the turns: rotate by the closest rotation between
-    # both.
-    u, _, vt = np.linalg.svd(np.linalg.solve(calibration.triad.matrix, turns.matrix))
-    triad = Triad(calibration.triad.bias, np.asarray(calibration.triad.matrix @ u @ vt))
-    covariance = calibration.full_covariance.copy()
-    covariance[3:, 3:] += turns.covariance[3:, 3:]
-    method += "; all six misalignments in the accelerometer's frame from the turns between standstills"
-    return GyroCalibration(triad, covariance, np.ones(9, bool), method, turns=turns)

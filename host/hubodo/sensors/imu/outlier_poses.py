@@ -63,9 +63,8 @@ def _describe(standstills: Standstills, worst: int, gravity: float) -> str:
     others = np.arange(len(standstills)) != worst
     triad = _fit(standstills.select(others), gravity).triad
     error = float(np.linalg.norm(triad.correct(standstills.accel[worst]))) - gravity
-    start, end = standstills.t[worst]
     return (
-        f"standstill at {start:.1f}..{end:.1f} s rejected: gravity is {error:+.3g} m/s² "
+        f"{standstills.name(worst)} rejected: gravity is {error:+.3g} m/s² "
         f"({error / gravity * 1e3:+.2g} mg) off the calibration by the other poses; it was knocked or held "
         "by hand"
     )

@@ -21,18 +21,23 @@ __all__ = ["PARAMETER_HEADINGS", "format_held_out", "imu_sections", "parameter_r
 
 def imu_sections(result: ImuCalibration) -> Sequence[Section]:
     """Return the page sections of a calibration."""
-    return (_residuals(result), _parameters(result), _standstills(result))
+    return (*_residuals(result), _parameters(result), *_standstills(result))
 
 
 def imu_verdict(result: ImuCalibration) -> str:
-    """Return one sentence on whether the calibration improves held-out data."""
+    """Return how much the calibration improves the length of gravity in held-out poses."""
     held_out = result.accel_held_out
+    if result.accel is None:
+        return f"Calibrated without an accelerometer: {result.notes[0]}."
     if held_out is None:
         return "Too few poses for a held-out check: the gain is not verified."
     ratio = held_out.rms_before / held_out.rms if held_out.rms > 0.0 else np.inf
-    if ratio > 1.0:
-        return f"Calibrated: the error of gravity is {ratio:.3g} times smaller."
-    return "Not better than the raw samples: the sensor is as good as this check."
+    verdict = (
+        f"Calibrated: the error of gravity is {ratio:.3g} times smaller."
+        if ratio > 1.0
+        else "Not better than the raw samples: the sensor is as good as this check."
+    )
+    return f"{verdict} Length of gravity: {format_held_out(held_out, 'm/s²')}."
 
 
 def format_held_out(held_out: CrossValidation | None, unit: str, factor: float = 1.0) -> str:
@@ -51,28 +56,32 @@ def parameter_rows(result: ImuCalibration) -> list[tuple[str, ...]]:
 
 
 def _parameters(result: ImuCalibration) -> Section:
-    poses = result.accel.poses
+    poses = ""
+    if result.accel is not None:
+        quality = result.accel.poses
+        poses = f"The {quality.count} poses have condition number {quality.condition:.3g}. "
     text = (
         f"Significant are values beyond {SIGNIFICANT_SIGMA:.0f} of their own sigma. "
-        f"true = (I + diag(e) + N)⁻¹ (raw − b), SI units. The {poses.count} poses have condition number "
-        f"{poses.condition:.3g}. " + " ".join(f"{note[0].upper()}{note[1:]}." for note in result.notes)
+        f"true = (I + diag(e) + N)⁻¹ (raw − b), SI units. {poses}"
+        + " ".join(f"{note[0].upper()}{note[1:]}." for note in result.notes)
     )
     return Section("Parameters", text, [PageTable(PARAMETER_HEADINGS, parameter_rows(result))])
 
 
-def _residuals(result: ImuCalibration) -> Section:
+def _residuals(result: ImuCalibration) -> Sequence[Section]:
+    if result.accel is None:
+        return ()
     figures = []
     if result.accel_held_out is not None:
         lengths = _before_and_after(result.accel_held_out)
         figures.append(draw_curves(lengths, "standstill", "norm minus gravity, m/s²"))
     text = f"Norm of the accelerometer: {format_held_out(result.accel_held_out, 'm/s²')}."
-    turns = result.gyro.turns
-    if turns is not None:
+    if result.gyro is not None and result.gyro.turns is not None:
         if result.gyro.held_out is not None:
             angles = _before_and_after(result.gyro.held_out, 180 / np.pi)
             figures.append(draw_curves(angles, "turn", "angle error against gravity, °"))
         text += f" Gyro turns: {format_held_out(result.gyro.held_out, 'degrees', 180 / np.pi)}."
-    return Section("Before and after", text, figures=figures)
+    return (Section("Before and after", text, figures=figures),)
 
 
 def _before_and_after(held_out: CrossValidation, factor: float = 1.0) -> list[Curve]:
@@ -84,21 +93,18 @@ def _before_and_after(held_out: CrossValidation, factor: float = 1.0) -> list[Cu
     ]
 
 
-def _standstills(result: ImuCalibration) -> Section:
-    standstills = result.standstills
+def _standstills(result: ImuCalibration) -> Sequence[Section]:
+    standstills, accel = result.standstills, result.accel
+    if standstills is None or accel is None:
+        return ()
     rows = [
         [
-            str(k + 1),
-            f"{standstills.t[k, 0]:.2f}",
-            f"{standstills.duration[k]:.1f}",
+            standstills.name(k),
             *(f"{a:+.3f}" for a in standstills.accel[k]),
-            f"{result.accel.residual_before[k]:+.4f}",
-            f"{result.accel.residual[k]:+.5f}",
+            f"{accel.residual_before[k]:+.4f}",
+            f"{accel.residual[k]:+.5f}",
         ]
         for k in range(len(standstills))
     ]
-    headings = [
-        "standstill", "from, s", "duration, s", "ax, m/s²", "ay, m/s²", "az, m/s²",
-        "norm error before, m/s²", "after, m/s²",
-    ]  # fmt: skip
-    return Section(f"{len(standstills)} standstills", tables=[PageTable(headings, rows)], is_folded=True)
+    headings = ["pose", "ax, m/s²", "ay, m/s²", "az, m/s²", "norm error before, m/s²", "after, m/s²"]
+    return (Section(f"{len(standstills)} poses", tables=[PageTable(headings, rows)], is_folded=True),)

@@ -31,7 +31,7 @@ def describe_limit(values: Array, part: Array, steps: Array, names: str) -> str:
     the triad.
     """
     noise = np.diff(values, axis=0)
-    for axis in range(3):
+    for axis in range(values.shape[1]):
         if np.median(np.abs(noise[:, axis])) <= steps[axis]:
             continue
         for limit in (values[:, axis].max(), values[:, axis].min()):

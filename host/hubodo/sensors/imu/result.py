@@ -58,27 +58,27 @@ class ImuCalibration:
 
     Attributes
     ----------
-    standstills : Standstills
-        The standstills used.
+    standstills : Standstills or None
+        The standstills used; None for a gyro alone on a rate table.
     gravity : float
         Reference of the accelerometers, m/s².
-    accel : ScalarCalibration
-        Calibration of the accelerometer triad.
+    accel : ScalarCalibration or None
+        Calibration of the accelerometer triad, if measured.
     accel_held_out : CrossValidation or None
         Errors on standstills that were not fitted.
-    gyro : GyroCalibration
-        Calibration of the gyro triad.
+    gyro : GyroCalibration or None
+        Calibration of the gyro triad, if measured.
     notes : tuple of str
         Remarks.
     node, output : str
         Name of the node, and path of the calibration file in the result of the verb.
     """
 
-    standstills: Standstills
+    standstills: Standstills | None
     gravity: float
-    accel: ScalarCalibration
+    accel: ScalarCalibration | None
     accel_held_out: CrossValidation | None
-    gyro: GyroCalibration
+    gyro: GyroCalibration | None
     notes: tuple[str, ...]
     node: str = ""
     output: str = ""
@@ -91,12 +91,16 @@ class ImuCalibration:
         mapping
             Value and sigma of each parameter, by effect and parameter name.
         """
-        calibration = effects_from_triad(
-            self.accel.triad, self.accel.sigma, "accel", self.accel.is_observable
-        )
+        calibration: dict[str, Mapping[str, Quantity]] = {}
+        if self.accel is not None:
+            calibration |= effects_from_triad(
+                self.accel.triad, self.accel.sigma, "accel", self.accel.is_observable
+            )
+        if self.gyro is None:
+            return calibration
         sigma = np.sqrt(np.diag(self.gyro.covariance))
         is_observable = np.append(np.ones(3, bool), self.gyro.is_observable)
-        calibration.update(effects_from_triad(self.gyro.triad, sigma, "gyro", is_observable))
+        calibration |= effects_from_triad(self.gyro.triad, sigma, "gyro", is_observable)
         g_sensitivity, g_sigma = self.gyro.g_sensitivity, self.gyro.g_sensitivity_sigma
         if g_sensitivity is not None and g_sigma is not None:
             names = GyroGSensitivity.rows
@@ -124,37 +128,25 @@ class ImuCalibration:
             "output": self.output,
             "gravity": self.gravity,
             "effects": effects,
-            "covariance": {
-                "order": "b_x b_y b_z, then M row by row",
-                "accel": self.accel.full_covariance.tolist(),
-                "gyro": self.gyro.covariance.tolist(),
-            },
-            "poses": {"count": self.accel.poses.count, "condition": self.accel.poses.condition},
-            "rests": [
-                {"t": list(map(float, t)), "accel": list(map(float, a)), "residual": float(r)}
-                for t, a, r in zip(
-                    self.standstills.t,
-                    self.standstills.accel,
-                    self.accel.residual,
-                    strict=True,
-                )
-            ],
-            "accel_norm": {
-                "before_rms": _rms(self.accel.residual_before),
-                "after_rms": _rms(self.accel.residual),
-            },
             "notes": list(self.notes),
         }
+        covariance: dict[str, Any] = {"order": "b_x b_y b_z, then M row by row"}
+        if self.accel is not None and self.standstills is not None:
+            covariance["accel"] = self.accel.full_covariance.tolist()
+            result |= _accel_json(self.standstills, self.accel)
         if self.accel_held_out is not None:
             held = self.accel_held_out
             result["accel_norm_held_out"] = {"before_rms": held.rms_before, "after_rms": held.rms}
-        if self.gyro.held_out is not None:
+        if self.gyro is not None:
+            covariance["gyro"] = self.gyro.covariance.tolist()
+        if self.gyro is not None and self.gyro.held_out is not None:
             turns = self.gyro.held_out
             result["turns_held_out_deg"] = {
                 "before_rms": math.degrees(turns.rms_before),
                 "after_rms": math.degrees(turns.rms),
                 "after_maximum": math.degrees(float(turns.error.max())),
             }
+        result["covariance"] = covariance
         return result
 
     def render(self, console: Console) -> None:
@@ -167,18 +159,36 @@ class ImuCalibration:
         """
         title = f"{self.node} → {self.output}" if self.output else self.node
         print_table(console, PARAMETER_HEADINGS, parameter_rows(self), title)
-        print_lines(console, [f"length of gravity: {format_held_out(self.accel_held_out, 'm/s²')}"])
-        if self.gyro.turns is not None:
+        if self.accel is not None:
+            print_lines(console, [f"length of gravity: {format_held_out(self.accel_held_out, 'm/s²')}"])
+        if self.gyro is not None and self.gyro.turns is not None:
             words = format_held_out(self.gyro.held_out, "degrees", 180 / math.pi)
             print_lines(console, [f"turns: {words}"])
         print_lines(console, self.notes, label="note")
 
     def __repr__(self) -> str:
         effects = ", ".join(self.effect_parameters())
-        return f"ImuCalibration({self.node}: {len(self.standstills)} poses, {effects})"
+        return f"ImuCalibration({self.node}: {len(self.standstills or ())} poses, {effects})"
 
     def _repr_html_(self) -> str:
         return html_table(PARAMETER_HEADINGS, parameter_rows(self)) + html_lines(self.notes)
+
+
+def _accel_json(standstills: Standstills, accel: ScalarCalibration) -> dict[str, Any]:
+    """Return the poses and the error of the length of gravity in each; poses of a table have no time."""
+    return {
+        "poses": {"count": accel.poses.count, "condition": accel.poses.condition},
+        "rests": [
+            (
+                {"row": int(standstills.start[k]) + 1}
+                if standstills.are_means
+                else {"t": standstills.t[k].tolist()}
+            )
+            | {"accel": standstills.accel[k].tolist(), "residual": float(accel.residual[k])}
+            for k in range(len(standstills))
+        ],
+        "accel_norm": {"before_rms": _rms(accel.residual_before), "after_rms": _rms(accel.residual)},
+    }
 
 
 def _rms(values: np.ndarray[Any, np.dtype[np.float64]]) -> float:

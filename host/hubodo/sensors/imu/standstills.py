@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +56,7 @@ class Standstills:
         gyro, accel: (R, 3) means, rad/s and m/s².
         gyro_sigma, accel_sigma: (R, 3) standard errors of the means, at least those from 0.5 s blocks.
         rejected: one line, with its time, for each standstill that was rejected.
+        are_means: True if the means were measured as such, without times; `start` then is the row.
     """
 
     start: NDArray[np.int64]
@@ -66,6 +67,7 @@ class Standstills:
     gyro_sigma: Array
     accel_sigma: Array
     rejected: tuple[str, ...] = ()
+    are_means: bool = False
 
     def __len__(self) -> int:
         return len(self.start)
@@ -77,16 +79,22 @@ class Standstills:
 
     def select(self, which: NDArray[np.int64] | NDArray[np.bool_]) -> Standstills:
         """Return the selected standstills, by index or mask."""
-        return Standstills(
-            self.start[which],
-            self.end[which],
-            self.t[which],
-            self.gyro[which],
-            self.accel[which],
-            self.gyro_sigma[which],
-            self.accel_sigma[which],
-            self.rejected,
+        return replace(
+            self,
+            start=self.start[which],
+            end=self.end[which],
+            t=self.t[which],
+            gyro=self.gyro[which],
+            accel=self.accel[which],
+            gyro_sigma=self.gyro_sigma[which],
+            accel_sigma=self.accel_sigma[which],
         )
+
+    def name(self, k: int) -> str:
+        """Return what identifies standstill `k` in the record, such as `standstill at 3.0..7.5 s`."""
+        if self.are_means:
+            return f"pose {self.start[k] + 1}"
+        return f"standstill at {self.t[k, 0]:.1f}..{self.t[k, 1]:.1f} s"
 
 
 def find_standstills(
@@ -101,7 +109,8 @@ def find_standstills(
 
     max_rate: largest deviation of the mean rate from the median of all standstills, rad/s.
 
-    t: (N,) s, increasing. gyro: (N, 3) rad/s. accel: (N, 3) m/s². A gap in time ends a standstill. A
+    t: (N,) s, increasing. gyro: (N, 3) rad/s. accel: (N, 3) m/s². A triad that is not measured has the shape
+    (N, 0), and so have its means. A gap in time ends a standstill. A
     standstill in which gravity creeps is rejected with a line in `rejected`. Raises CalibrationError if
     the record is too short, constant in all channels of a triad, or never stationary.
     """
@@ -165,7 +174,7 @@ def _sample_window(t: Array, gyro: Array, accel: Array, min_duration: float) -> 
             f"{min_duration} s; record longer"
         )
     for name, values in (("gyro", gyro), ("accel", accel)):
-        if not np.ptp(values, axis=0).any():
+        if values.shape[1] and not np.ptp(values, axis=0).any():
             raise CalibrationError(f"the {name} never changes: the sensor is stuck or off; check the node")
     step = float(np.median(np.diff(t)))
     width = max(4, round(QUIET_WINDOW_S / step))

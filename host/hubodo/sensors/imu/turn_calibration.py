@@ -15,6 +15,7 @@ from hubodo.arrays import Array
 from hubodo.errors import CalibrationError
 from hubodo.sensors.imu.pose_observability import MAX_OBSERVABLE_SIGMA, WIDE_TOLERANCE
 from hubodo.sensors.imu.turns import (
+    NO_VALUES,
     Turns,
     propagate_gravity,
     propagate_gravity_jacobian,
@@ -32,9 +33,6 @@ _RELINEARISE_CHANGE = 1e-6
 """Parameter change up to which the derivatives are not recomputed."""
 _MATRIX_ELEMENTS = ("scale x", "xz", "xy", "yz", "scale y", "yx", "zy", "zx", "scale z")
 _RATE_UNIT_OF_RATIO = {57.29578: "degrees per second", 57295.78: "mdps", 1000.0: "mrad/s"}
-
-
-_NO_VALUES: Array = np.zeros(0)
 
 
 @dataclass(frozen=True)
@@ -66,10 +64,10 @@ class TurnCalibration:
     angle: Array
     error: Array
     dropped: tuple[str, ...] = ()
-    earth_rate: Array = field(default_factory=lambda: _NO_VALUES)
-    earth_covariance: Array = field(default_factory=lambda: _NO_VALUES)
-    terms: Array = field(default_factory=lambda: _NO_VALUES)
-    term_sigma: Array = field(default_factory=lambda: _NO_VALUES)
+    earth_rate: Array = field(default_factory=lambda: NO_VALUES)
+    earth_covariance: Array = field(default_factory=lambda: NO_VALUES)
+    terms: Array = field(default_factory=lambda: NO_VALUES)
+    term_sigma: Array = field(default_factory=lambda: NO_VALUES)
 
     @property
     def deficit(self) -> str:

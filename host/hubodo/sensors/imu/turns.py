@@ -27,9 +27,7 @@ _MAX_INTERVAL = 0.1
 """Longest time between samples of a turn, s, unless all intervals are that long: in 0.3 s at 1 rad/s the mean
 of two rates is wrong by up to a degree.
 """
-
-
-_NO_VALUES: Array = np.zeros(0)
+NO_VALUES: Array = np.zeros(0)
 
 
 @dataclass(frozen=True)
@@ -194,7 +192,7 @@ def _rotation_vectors(turns: Turns, matrix: Array, bias_change: Array | float) -
 
 
 def turn_errors(
-    turns: Turns, matrix: Array, bias_change: Array | float = 0.0, others: Array = _NO_VALUES
+    turns: Turns, matrix: Array, bias_change: Array | float = 0.0, others: Array = NO_VALUES
 ) -> Array:
     """Return the (T,) angles between propagated and measured gravity, rad, less the effect of `others`.
 

@@ -1,5 +1,6 @@
 """Selection of the gyro reference (Earth rate, rate table or turns), its thresholds and its results."""
 
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +13,7 @@ from scipy.stats import f as f_distribution
 from hubodo.calibration.triad import Triad
 from hubodo.errors import CalibrationError, InputError
 from hubodo.sensors.imu import calibrate as room
+from hubodo.sensors.imu import vector_references
 from hubodo.sensors.imu.calibrate import calibrate_imu, estimate_static_bias
 from hubodo.sensors.imu.result import GyroCalibration, ImuCalibration
 from hubodo.sensors.imu.standstills import Standstills
@@ -104,6 +106,12 @@ def standstills(count=9, sigma=1e-7, loud=1.0, seconds=12.0):
 ACCEL = SimpleNamespace(triad=Triad(np.zeros(3), np.eye(3)), correct=lambda raw: raw)
 
 
+def replace_part(monkeypatch, name, built):
+    for module in (room, vector_references):
+        if hasattr(module, name):
+            monkeypatch.setattr(module, name, built)
+
+
 @pytest.fixture
 def parts(monkeypatch):
     """Replace the parts by stand-ins that record their arguments and return given results."""
@@ -122,14 +130,14 @@ def parts(monkeypatch):
         full = np.diag(np.arange(1.0, 13.0))
         return SimpleNamespace(triad=triad, full_covariance=full, sigma=np.sqrt(np.diag(full)))
 
-    monkeypatch.setattr(room, "collect_turns", collect_turns)
-    monkeypatch.setattr(room, "calibrate_from_turns", refuse)
-    monkeypatch.setattr(room, "calibrate_with_terms", refuse)
-    monkeypatch.setattr(room, "estimate_earth_in_turns", refuse)
-    monkeypatch.setattr(room, "fit_scalar_calibration", scalar_calibration)
-    monkeypatch.setattr(room, "align_by_earth_rate", refuse)
-    monkeypatch.setattr(room, "check_latitude", lambda *_: None)
-    observed.set = lambda name, built: monkeypatch.setattr(room, name, built)
+    replace_part(monkeypatch, "collect_turns", collect_turns)
+    replace_part(monkeypatch, "calibrate_from_turns", refuse)
+    replace_part(monkeypatch, "calibrate_with_terms", refuse)
+    replace_part(monkeypatch, "estimate_earth_in_turns", refuse)
+    replace_part(monkeypatch, "fit_scalar_calibration", scalar_calibration)
+    replace_part(monkeypatch, "align_by_earth_rate", refuse)
+    replace_part(monkeypatch, "check_latitude", lambda *_: None)
+    observed.set = partial(replace_part, monkeypatch)
     return observed
 
 
@@ -226,14 +234,14 @@ def test_by_earth_rate_the_covariance_takes_in_the_angle_between_both_triads(par
         return SimpleNamespace(angle=angle, covariance=spread)
 
     at, notes = standstills(), []
-    plain = room._calibrate_by_earth_rate(at, at.accel, 0.8, notes)
+    plain = vector_references.calibrate_by_earth_rate(at, at.accel, 0.8, notes)
     assert parts.measured is at.gyro and parts.reference == pytest.approx(EARTH)
     assert plain.covariance == pytest.approx(
         np.diag(np.arange(1.0, 13.0))
     ) and plain.is_observable.tolist() == 9 * [True]
     assert "symmetric convention alone" in notes[0]
     parts.set("align_by_earth_rate", align)
-    result = room._calibrate_by_earth_rate(at, at.accel, 0.8, notes)
+    result = vector_references.calibrate_by_earth_rate(at, at.accel, 0.8, notes)
     assert reported[0][0] == pytest.approx(np.sqrt((at.gyro_sigma**2).mean(axis=1)), abs=0.0)
 
     def matrix(more):
@@ -256,7 +264,7 @@ def test_a_table_gives_sizes_and_turns_the_nearest_rotation_to_their_frame(parts
     at, notes = standstills(), []
 
     def by_table():
-        return room._calibrate_by_table(np.zeros(4), np.zeros((4, 3)), at, at.accel, 1.5, notes)
+        return vector_references.calibrate_by_table(np.zeros(4), np.zeros((4, 3)), at, at.accel, 1.5, notes)
 
     plain = by_table()
     assert "symmetric convention alone" in notes[0] and plain.turns is None
@@ -296,14 +304,14 @@ def test_notes_start_with_the_methods_of_both_triads_and_unobservable_parameters
         given.extend([gravity, convention])
         return SimpleNamespace(poses=poses, correct=lambda raw: raw, exponents=())
 
-    monkeypatch.setattr(room, "find_standstills", lambda *_, **__: at)
-    monkeypatch.setattr(room, "drop_outlier_poses", lambda standstills, _: standstills)
-    monkeypatch.setattr(room, "collect_turns", lambda *_: None)
-    monkeypatch.setattr(room, "check_axis_signs", lambda _: None)
-    monkeypatch.setattr(room, "fit_accelerometers", solve)
-    monkeypatch.setattr(room, "describe_accelerometers", lambda _: ["the accelerometers are bent"])
-    monkeypatch.setattr(room, "cross_validate_accel", lambda *_: None)
-    monkeypatch.setattr(room, "_calibrate_gyro", lambda *_: SimpleNamespace(method="some turns"))
+    replace_part(monkeypatch, "find_standstills", lambda *_, **__: at)
+    replace_part(monkeypatch, "drop_outlier_poses", lambda standstills, _: standstills)
+    replace_part(monkeypatch, "collect_turns", lambda *_: None)
+    replace_part(monkeypatch, "check_axis_signs", lambda _: None)
+    replace_part(monkeypatch, "fit_accelerometers", solve)
+    replace_part(monkeypatch, "describe_accelerometers", lambda _: ["the accelerometers are bent"])
+    replace_part(monkeypatch, "cross_validate_accel", lambda *_: None)
+    replace_part(monkeypatch, "_calibrate_gyro", lambda *_: SimpleNamespace(method="some turns"))
     result = calibrate_imu(np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)), convention="symmetric")
     first, second, *others = result.notes
     assert (
@@ -336,7 +344,7 @@ def test_places_on_earth_are_accepted_and_no_others(monkeypatch, gravity, degree
     def passed(*_, **__):
         raise Passed
 
-    monkeypatch.setattr(room, "find_standstills", passed)
+    replace_part(monkeypatch, "find_standstills", passed)
     latitude = None if degrees is None else np.radians(degrees)
     with pytest.raises(InputError if words else Passed, match=words or None):
         calibrate_imu(np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)), gravity=gravity, latitude=latitude)
