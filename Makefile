@@ -18,8 +18,7 @@ demo: setup          ## the main job end to end, without hardware
 
 test: setup browser compiler  ## all tests that need no hardware
 	@test -d tests/host/fuse/__pycache__ || $(BIN)/python -m pytest --collect-only --quiet >/dev/null
-	$(BIN)/python -m pytest --numprocesses 4 --dist loadfile --no-loadscope-reorder -m "not alone and not repeat"
-	$(BIN)/python -m pytest -m alone tests/signal_path/test_north_table.py
+	$(BIN)/python -m pytest --numprocesses 4 --dist loadfile --no-loadscope-reorder -m "not repeat"
 
 repeat: setup browser compiler ## further seeds, chips and drives of the tests, which make test runs once; prints them
 	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder \

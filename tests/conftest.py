@@ -14,7 +14,7 @@ from hubodo.effects import BY_NAME
 TESTS = Path(__file__).parent
 LONGEST_FILES = (
     *("host/web/test_recordings_in_browser.py", "host/fuse/test_wheel_calibration.py"),
-    *("host/gap/test_gap_watch.py", "gap_matrix"),
+    *("signal_path/test_north_table.py", "host/gap/test_gap_watch.py", "gap_matrix"),
     *(
         "host/web/test_page_in_browser.py",
         "host/fuse/test_wheel_slip.py",
@@ -38,7 +38,7 @@ LONGEST_FILES = (
         "host/fuse/test_wheel_outage_model.py",
     ),
     *("signal_path/test_doctor.py", "firmware/test_firmware_bias_filter.py", "host/fuse/test_wheel_car.py"),
-    *("signal_path/test_radio.py", "signal_path/test_north_table.py"),
+    "signal_path/test_radio.py",
     *("signal_path", "host/test_package.py", "host/verbs/test_verb_node.py", "host/api"),
     *("firmware", "host/fuse", "host/sensors", "host/gap"),
 )

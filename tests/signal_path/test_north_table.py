@@ -87,7 +87,6 @@ def north(capsys, port, *words):
     return json.loads(out), err
 
 
-@pytest.mark.alone
 @pytest.mark.real_time
 def test_a_real_node_is_turned_and_feels_the_turns_that_the_table_tells(bench, tmp_path, capsys):
     port, table = bench
