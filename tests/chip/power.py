@@ -55,6 +55,12 @@ REPORT_S, REPORT_INTERVAL_S = 0.008, 4.0
 
 4.9 ms on an emulated Pico (`--report`); assumed: 2 ms until a UART has sent it, 1 ms until the clocks run.
 """
+PARKED_BOARDS = (
+    Load("Pico, machine.lightsleep() until a pin", 0.9, 5.0, "measured, micropython commit b004e7e"),
+    Load("XIAO ESP32-C3, machine.deepsleep", 0.05, 3.8, "measured, forum.seeedstudio.com topic 284207"),
+    Load("XIAO ESP32-S3, machine.deepsleep", 0.3, 3.3, "measured, same topic; 0.01 mA at 3.8 V"),
+)
+"""Boards that sleep until a pin wakes them, without reports meanwhile; the firmware does not do that yet."""
 MAGNETOMETER = Load("LIS3MDL", 0.27, 3.3, "ST DocID024204, ultra-high performance at 20 Hz", True)
 RADIO = Load(
     "nRF24L01+, sending a tenth of the time",
@@ -88,6 +94,12 @@ def asleep_milliwatts() -> float:
     share = REPORT_S / REPORT_INTERVAL_S
     board = share * milliwatts(AWAKE) + (1.0 - share) * milliwatts(ASLEEP)
     return board + milliwatts(IMU_ASLEEP)
+
+
+def parked_milliwatts(board: Load) -> float:
+    """Return the power of one of PARKED_BOARDS with its IMU; a XIAO has a linear regulator."""
+    is_pico = board.name.startswith("Pico")
+    return milliwatts(board) + (milliwatts(IMU_ASLEEP) if is_pico else IMU_ASLEEP.milliamps * CELL_VOLTS)
 
 
 def hours(amp_hours: float, power: float) -> float:
@@ -173,22 +185,31 @@ def life_table(shares: dict[str, float]) -> Table:
             shown.add_row(
                 name, "", f"{power:.0f} mW", *(f"{hours(c, power) / 24:.1f} days" for c in CELLS.values())
             )
-        lives = (f"{hours(c, asleep) / 24:.0f} days" for c in CELLS.values())
-        shown.add_row("parked asleep", "", f"{asleep:.1f} mW", *lives)
+    return shown
+
+
+def parked_table() -> Table:
+    """Return the battery life of a parked node with an LSM6DSO, by board."""
+    shown = Table("parked", "reports", "power", *CELLS)
+    rows = [(ASLEEP.name, f"every {REPORT_INTERVAL_S:g} s", asleep_milliwatts())]
+    rows += [(board.name, "none", parked_milliwatts(board)) for board in PARKED_BOARDS]
+    for name, reports, power in rows:
+        lives = (f"{hours(c, power) / 24:.0f} days" for c in CELLS.values())
+        shown.add_row(name, reports, f"{power:.1f} mW", *lives)
     return shown
 
 
 def load_table() -> Table:
     """Return the currents, at the voltage of their source and as power of the cell."""
     shown = Table("load", "current", "power at the cell", "source")
-    for load in (AWAKE, WAITING, ASLEEP, *IMUS, IMU_ASLEEP, MAGNETOMETER, RADIO):
+    for load in (AWAKE, WAITING, ASLEEP, *PARKED_BOARDS, *IMUS, IMU_ASLEEP, MAGNETOMETER, RADIO):
         current = f"{load.milliamps:g} mA at {load.volts:g} V"
         shown.add_row(load.name, current, f"{milliwatts(load):.2f} mW", load.source)
     return shown
 
 
 def main(argv=None):
-    """Print both tables; return 1 if an emulated Pico is missing."""
+    """Print the tables; return 1 if an emulated Pico is missing."""
     parser = argparse.ArgumentParser(
         prog="power.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -219,6 +240,7 @@ def main(argv=None):
     console = Console(width=max(Console().width, 130))
     console.print(load_table())
     console.print(life_table(shares))
+    console.print(parked_table())
     return 0
 
 

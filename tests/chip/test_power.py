@@ -22,11 +22,22 @@ def test_a_parked_node_wakes_up_for_8_ms_in_4_s():
     assert power.asleep_milliwatts() == pytest.approx(expected)
 
 
+def test_two_months_parked_need_a_board_that_sleeps_until_a_pin_wakes_it():
+    """60 days of 9.72 Wh are 6.75 mW."""
+    days = {
+        board.name: power.hours(3.0, power.parked_milliwatts(board)) / 24 for board in power.PARKED_BOARDS
+    }
+    assert power.hours(3.0, power.asleep_milliwatts()) / 24 < 60 < min(days.values())
+    xiao = next(board for board in power.PARKED_BOARDS if "C3" in board.name)
+    assert days[xiao.name] == pytest.approx(9720 / (0.05 * 3.8 + 0.55 * 3.6) / 24)
+
+
 def test_each_current_has_a_source_and_both_tables_are_printed(capsys):
     loads = (
         power.AWAKE,
         power.WAITING,
         power.ASLEEP,
+        *power.PARKED_BOARDS,
         power.IMU_ASLEEP,
         *power.IMUS,
         power.MAGNETOMETER,
@@ -35,6 +46,6 @@ def test_each_current_has_a_source_and_both_tables_are_printed(capsys):
     assert all(load.source for load in loads)
     assert power.main(["--awake", "0.26"]) == 0
     text = capsys.readouterr().out
-    assert "parked asleep" in text and "issue 8770" in text
+    assert "deepsleep" in text and "issue 8770" in text
     with pytest.raises(SystemExit):
         power.main(["--settings", "fast"])
