@@ -45,6 +45,7 @@ class InputFormat:
     topic_selection : which topic is which node or table.
     zeros : value of each channel at zero, in the numbers of the file, by channel.
     scales : units per number of the file, by channel.
+    advice_without_time : what else to do about a file without times, for its error.
     used_channels : channels that the caller evaluates; others may lack a unit and are then left out.
     """
 
@@ -57,6 +58,7 @@ class InputFormat:
     zeros: Mapping[str, float] = field(default_factory=dict)
     scales: Mapping[str, float] = field(default_factory=dict)
     used_channels: tuple[str, ...] = IMU_CHANNELS
+    advice_without_time: str = ""
 
     def si_factors(self) -> dict[str, float]:
         """Return the factors to SI of "gyro" and "accel" given by `units`. Raises InputError if unknown."""
@@ -209,6 +211,7 @@ def _read_times(
             raise InputError(
                 f"{source}: has no time column{names}; give its samples per second with --rate"
                 + (", or name the time with --columns t,..." if numbers.names else "")
+                + input_format.advice_without_time
             )
         return np.arange(len(numbers.values)) / input_format.rate, 0
     column, values = columns[index], numbers.values[:, index]

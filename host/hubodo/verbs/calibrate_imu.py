@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,13 +20,15 @@ from hubodo.calibration.file import (
 )
 from hubodo.errors import InputError
 from hubodo.log.any_log import read_log
+from hubodo.log.pose_table import read_pose_table
 from hubodo.pages.page import render_page
 from hubodo.progress import progress_line
 from hubodo.recording import Recording, Table
 from hubodo.sensors.imu.node_imu import ImuOptions, calibrate_node_imu
 from hubodo.sensors.imu.page import imu_sections, imu_verdict
+from hubodo.sensors.imu.pose_means import calibrate_pose_means
 from hubodo.sensors.imu.result import ImuCalibration
-from hubodo.verbs.log_options import LOG_HELP, add_log_options, stated_input_format
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, channel_numbers, stated_input_format
 from hubodo.verbs.numbers import latitude, positive_number
 from hubodo.verbs.outputs import add_force_option, html_path
 
@@ -62,6 +65,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="shortest standstill that counts as a pose, s (default 1)",
     )
     parser.add_argument(
+        "--means",
+        action="store_true",
+        help="LOG is a table with one row for each pose: means such as ax; sigma_ax, or std_ax and count; "
+        "true values such as ref_ax",
+    )
+    parser.add_argument(
+        "--mean-sigma",
+        action="append",
+        default=[],
+        metavar="[CHANNEL=]SIGMA",
+        help="1σ of the means of --means, m/s² and rad/s, of all channels or of one, such as accel=0.001 "
+        "(default: from the table, else from the misfit of redundant poses); repeatable",
+    )
+    parser.add_argument(
         "--report", type=html_path, metavar="HTML", help="write a page with poses, parameters and residuals"
     )
     add_force_option(parser, "report")
@@ -88,15 +105,46 @@ def run(args: argparse.Namespace) -> ImuCalibration:
     InputError
         If the node does not exist, its units are doubtful, or its poses do not suffice.
     """
+    if args.mean_sigma and not args.means:
+        raise InputError("--mean-sigma belongs to --means; the noise of a record is measured")
+    before = read_calibration(args.output) if args.output.exists() else Calibration()
+    if args.means:
+        return _write(args, _calibrate_means(args), before, {}, None)
     with progress_line() as show:
-        recording = read_log(args.log, input_format=stated_input_format(args, needed=()), progress=show)
+        form = replace(
+            stated_input_format(args, needed=()), advice_without_time="; --means reads means of poses"
+        )
+        recording = read_log(args.log, input_format=form, progress=show)
         show("detecting static poses and turns", 0.5)
         table = node_table(recording, args.node, str(args.log))
-        before = read_calibration(args.output) if args.output.exists() else Calibration()
         calibration = calibrate_node_imu(table, args.node, str(args.log), imu_options(args))
+    return _write(args, calibration, before, recording.metadata, table)
+
+
+def _calibrate_means(args: argparse.Namespace) -> ImuCalibration:
+    """Return the calibration from a table of pose means."""
+    if args.table_rate_deg_s is not None:
+        raise InputError(
+            "--table-rate-deg-s needs a record; with --means give the rates in columns such as ref_gz"
+        )
+    table = read_pose_table(args.log, stated_input_format(args, needed=()))
+    sigmas = channel_numbers("--mean-sigma", args.mean_sigma)
+    if any(sigma <= 0.0 for sigma in sigmas.values()):
+        raise InputError("--mean-sigma must be above 0")
+    return calibrate_pose_means(table, args.node, str(args.log), imu_options(args), sigmas)
+
+
+def _write(
+    args: argparse.Namespace,
+    calibration: ImuCalibration,
+    before: Calibration,
+    metadata: Mapping[str, str],
+    table: Table | None,
+) -> ImuCalibration:
+    """Add the calibration to its file, write the page, and return the result with the path of the file."""
     result = replace(calibration, output=str(args.output))
     effects = calibrated_effects(result, table, hash_source(args.log))
-    serial = find_node_serial(recording.metadata, args.node)
+    serial = find_node_serial(metadata, args.node)
     write_calibration(before.with_node(args.node, effects, serial), args.output)
     if args.report is not None:
         page = render_page(f"Calibration of {args.node}", imu_verdict(result), imu_sections(result))
@@ -110,11 +158,11 @@ def imu_options(args: argparse.Namespace) -> ImuOptions:
 
 
 def calibrated_effects(
-    result: ImuCalibration, table: Table, source_sha256: str
+    result: ImuCalibration, table: Table | None, source_sha256: str
 ) -> dict[str, CalibratedEffect]:
     """Return the calibration as effects for the calibration file, with their provenance."""
     date = datetime.now(UTC).date().isoformat()
-    span = find_temperature_span(table)
+    span = None if table is None else find_temperature_span(table)
     methods = {"accel": result.notes[0], "gyro": "" if result.gyro is None else result.gyro.method}
     return {
         name: CalibratedEffect(parameters, methods[name.partition("_")[0]], source_sha256, date, span)

@@ -76,6 +76,7 @@ RUNS: tuple[Run, ...] = (
         "calibrate imu poses.mcap --node left --gravity 9.81 --latitude-deg 48 --convention x-first "
         "--min-rest 0.5 --force --report out-{n}.html -o out-{n}.toml"
     ),
+    Run("calibrate imu means.csv --node left --means --mean-sigma 1e-3 -o out-{n}.toml"),
     Run(
         "calibrate imu poses.mcap --node left --table-rate-deg-s 10 -o out-{n}.toml",
         2,
@@ -258,6 +259,11 @@ def create_files(folder: Path) -> None:
     rng, count = np.random.default_rng(1), 2000
     gyro, accel = rng.normal(0.01, 0.002, (count, 3)), rng.normal([0.0, 0.0, 9.81], 0.02, (count, 3))
     np.savez(folder / "numbers.npz", gyro=gyro, accel=accel)
+    up = rng.normal(size=(12, 3))
+    up *= 9.80665 / np.linalg.norm(up, axis=1)[:, None]
+    np.savetxt(
+        folder / "means.csv", up * [1.01, 0.99, 1.0] + 0.1, delimiter=",", header="ax,ay,az", comments=""
+    )
     np.savetxt(folder / "rated.csv", np.c_[np.degrees(gyro), accel], delimiter=",")
     for command_lines in (
         "model.toml --duration 24 --seed 3 -o drive.mcap",

@@ -19,7 +19,7 @@ from hubodo.sensors.imu.latitude_check import check_horizontal_rate
 from hubodo.sensors.imu.nonlinear_gyros import calibrate_with_terms
 from hubodo.sensors.imu.nonlinear_terms import describe_accelerometers, fit_accelerometers
 from hubodo.sensors.imu.outlier_poses import drop_outlier_poses
-from hubodo.sensors.imu.result import GyroCalibration, ImuCalibration
+from hubodo.sensors.imu.result import ImuCalibration, TriadCalibration
 from hubodo.sensors.imu.scalar_calibration import Convention, ScalarCalibration
 from hubodo.sensors.imu.standstills import Standstills, find_standstills
 from hubodo.sensors.imu.turns import Turns, collect_turns
@@ -58,13 +58,7 @@ def calibrate_imu(
     accelerometer misalignments. min_standstill: s. Raises CalibrationError if data are missing, InputError
     for an impossible gravity or latitude.
     """
-    if not 9.7 < gravity < 9.9:
-        raise InputError(
-            f"gravity {gravity} m/s² does not occur on Earth's surface (9.76 to 9.84); give the local value"
-        )
-    if latitude is not None and abs(latitude) > np.pi / 2:
-        degrees = "; it is given in degrees, radians are expected" if abs(latitude) <= 90 else ""
-        raise InputError(f"latitude {np.degrees(latitude):.4g} degrees is out of range{degrees}")
+    check_place(gravity, latitude)
     _check_finite(t, gyro, accel)
     if not accel.shape[1]:
         rests, alone = calibrate_gyro_alone(t, gyro, table_rate, min_standstill)
@@ -84,6 +78,17 @@ def calibrate_imu(
         calibrated = calibrate_by_table(t, gyro, standstills, force, table_rate, notes)
     notes.insert(1, f"gyros: {calibrated.method}")
     return ImuCalibration(standstills, gravity, accelerometers, held_out, calibrated, tuple(notes))
+
+
+def check_place(gravity: float, latitude: float | None) -> None:
+    """Raise InputError for a gravity (m/s²) or latitude (rad) that no place on Earth has."""
+    if not 9.7 < gravity < 9.9:
+        raise InputError(
+            f"gravity {gravity} m/s² does not occur on Earth's surface (9.76 to 9.84); give the local value"
+        )
+    if latitude is not None and abs(latitude) > np.pi / 2:
+        degrees = "; it is given in degrees, radians are expected" if abs(latitude) <= 90 else ""
+        raise InputError(f"latitude {np.degrees(latitude):.4g} degrees is out of range{degrees}")
 
 
 def calibrate_accelerometers(
@@ -182,7 +187,7 @@ def _correlation_factor(residual: Array) -> Array:
 
 def try_earth_rate(
     standstills: Standstills, force: Array, latitude: float | None, notes: list[str]
-) -> GyroCalibration | None:
+) -> TriadCalibration | None:
     """Return the calibration by Earth rate; None without a latitude or, with a note, if that fails."""
     if latitude is None:
         return None
@@ -204,7 +209,7 @@ def _calibrate_gyro(
     accel: ScalarCalibration,
     latitude: float | None,
     notes: list[str],
-) -> GyroCalibration:
+) -> TriadCalibration:
     force = accel.correct(standstills.accel)
     bias, bias_covariance, g_sensitivity, g_sigma = estimate_static_bias(
         standstills.gyro, standstills.gyro_sigma, force
@@ -235,7 +240,7 @@ def _calibrate_gyro(
             earth_slopes=earth.turns.earth_slopes,
             earth_sigma=earth.turns.earth_sigma,
         )
-    static = GyroCalibration(
+    static = TriadCalibration(
         Triad(bias),
         np.pad(bias_covariance, (0, 9)),
         np.zeros(9, bool),
@@ -247,12 +252,12 @@ def _calibrate_gyro(
 
 
 def _add_turns(
-    static: GyroCalibration,
+    static: TriadCalibration,
     turns: Turns,
     standstills: Standstills,
     accel: ScalarCalibration,
     notes: list[str],
-) -> GyroCalibration:
+) -> TriadCalibration:
     """Return the calibration refined by the turns between standstills, or unchanged if that fails."""
     bias_sigma = np.sqrt(np.diag(static.covariance)[:3])
     try:

@@ -28,7 +28,7 @@ def imu_verdict(result: ImuCalibration) -> str:
     """Return how much the calibration improves the length of gravity in held-out poses."""
     held_out = result.accel_held_out
     if result.accel is None:
-        return f"Calibrated without an accelerometer: {result.notes[0]}."
+        return f"Calibrated. {result.notes[0][0].upper()}{result.notes[0][1:]}."
     if held_out is None:
         return "Too few poses for a held-out check: the gain is not verified."
     ratio = held_out.rms_before / held_out.rms if held_out.rms > 0.0 else np.inf

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from hubodo.arrays import Array
 from hubodo.calibration.file import Quantity
 from hubodo.calibration.triad import Triad, effects_from_triad
 from hubodo.effects.gyro import GyroGSensitivity
+from hubodo.effects.triad import Sensor
 from hubodo.html_table import html_lines, html_table
 from hubodo.pages.console import print_lines, print_table
 from hubodo.sensors.imu.held_out import CrossValidation
@@ -27,8 +28,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class GyroCalibration:
-    """The calibration of the gyro triad.
+class TriadCalibration:
+    """The calibration of a gyro triad, or of a triad by known references.
 
     Attributes:
         triad: bias at zero specific force, rad/s, and M in the accelerometer's frame unless `method`
@@ -40,6 +41,7 @@ class GyroCalibration:
             significant.
         turns: calibration by turns, if used.
         held_out: errors on turns that were not fitted, if available.
+        axes: (3,) True for the axes that were measured.
     """
 
     triad: Triad
@@ -50,6 +52,12 @@ class GyroCalibration:
     g_sensitivity_sigma: Array | None = None
     turns: TurnCalibration | None = None
     held_out: CrossValidation | None = None
+    axes: NDArray[np.bool_] = field(default_factory=lambda: np.ones(3, bool))
+
+    def effects(self, sensor: Sensor) -> dict[str, Mapping[str, Quantity]]:
+        """Return the parameters by effect name, without the g-sensitivity."""
+        is_observable = np.append(self.axes, self.is_observable)
+        return effects_from_triad(self.triad, np.sqrt(np.diag(self.covariance)), sensor, is_observable)
 
 
 @dataclass(frozen=True)
@@ -66,22 +74,25 @@ class ImuCalibration:
         Calibration of the accelerometer triad, if measured.
     accel_held_out : CrossValidation or None
         Errors on standstills that were not fitted.
-    gyro : GyroCalibration or None
+    gyro : TriadCalibration or None
         Calibration of the gyro triad, if measured.
     notes : tuple of str
         Remarks.
     node, output : str
         Name of the node, and path of the calibration file in the result of the verb.
+    referenced_accel : TriadCalibration or None
+        Calibration of the accelerometer by known references, in place of `accel`.
     """
 
     standstills: Standstills | None
     gravity: float
     accel: ScalarCalibration | None
     accel_held_out: CrossValidation | None
-    gyro: GyroCalibration | None
+    gyro: TriadCalibration | None
     notes: tuple[str, ...]
     node: str = ""
     output: str = ""
+    referenced_accel: TriadCalibration | None = None
 
     def effect_parameters(self) -> Mapping[str, Mapping[str, Quantity]]:
         """Return the parameters by effect name, for calibration and model files.
@@ -96,11 +107,11 @@ class ImuCalibration:
             calibration |= effects_from_triad(
                 self.accel.triad, self.accel.sigma, "accel", self.accel.is_observable
             )
+        if self.referenced_accel is not None:
+            calibration |= self.referenced_accel.effects("accel")
         if self.gyro is None:
             return calibration
-        sigma = np.sqrt(np.diag(self.gyro.covariance))
-        is_observable = np.append(np.ones(3, bool), self.gyro.is_observable)
-        calibration |= effects_from_triad(self.gyro.triad, sigma, "gyro", is_observable)
+        calibration |= self.gyro.effects("gyro")
         g_sensitivity, g_sigma = self.gyro.g_sensitivity, self.gyro.g_sensitivity_sigma
         if g_sensitivity is not None and g_sigma is not None:
             names = GyroGSensitivity.rows
@@ -134,6 +145,8 @@ class ImuCalibration:
         if self.accel is not None and self.standstills is not None:
             covariance["accel"] = self.accel.full_covariance.tolist()
             result |= _accel_json(self.standstills, self.accel)
+        if self.referenced_accel is not None:
+            covariance["accel"] = self.referenced_accel.covariance.tolist()
         if self.accel_held_out is not None:
             held = self.accel_held_out
             result["accel_norm_held_out"] = {"before_rms": held.rms_before, "after_rms": held.rms}

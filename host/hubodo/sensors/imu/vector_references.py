@@ -10,7 +10,7 @@ from hubodo.earth import EARTH_RATE
 from hubodo.errors import CalibrationError
 from hubodo.sensors.imu.latitude_check import check_latitude
 from hubodo.sensors.imu.misalignment import align_by_earth_rate, rotate_triad
-from hubodo.sensors.imu.result import GyroCalibration
+from hubodo.sensors.imu.result import TriadCalibration
 from hubodo.sensors.imu.scalar_calibration import ScalarCalibration, fit_scalar_calibration
 from hubodo.sensors.imu.standstills import Standstills, find_standstills, find_steady_turns
 from hubodo.sensors.imu.turn_calibration import calibrate_from_turns
@@ -42,7 +42,7 @@ def earth_rate_deficit(standstills: Standstills) -> str:
 
 def calibrate_gyro_alone(
     t: Array, gyro: Array, table_rate: float | None, min_standstill: float
-) -> tuple[Standstills | None, GyroCalibration]:
+) -> tuple[Standstills | None, TriadCalibration]:
     """Calibrate a gyro triad without an accelerometer, by the table's rate (rad/s), else by Earth rate.
 
     Returns the standstills, if Earth rate was used. Raises CalibrationError if there is no reference.
@@ -59,9 +59,9 @@ def calibrate_gyro_alone(
     return standstills, _without_frame(*_fit_earth_rate(standstills))
 
 
-def _without_frame(calibration: ScalarCalibration, method: str) -> GyroCalibration:
+def _without_frame(calibration: ScalarCalibration, method: str) -> TriadCalibration:
     """Return a scalar calibration whose rotation against the accelerometer is unknown."""
-    return GyroCalibration(calibration.triad, calibration.full_covariance, np.ones(9, bool), method)
+    return TriadCalibration(calibration.triad, calibration.full_covariance, np.ones(9, bool), method)
 
 
 def _fit_earth_rate(standstills: Standstills) -> tuple[ScalarCalibration, str]:
@@ -79,7 +79,7 @@ def _fit_steady_turns(t: Array, gyro: Array, bias: Array, table_rate: float) -> 
 
 def calibrate_by_earth_rate(
     standstills: Standstills, force: Array, latitude: float, notes: list[str]
-) -> GyroCalibration:
+) -> TriadCalibration:
     """Return the calibration by Earth rate in standstills, with `force` (R, 3) m/s² and the latitude, rad."""
     calibration, method = _fit_earth_rate(standstills)
     rate = calibration.triad.correct(standstills.gyro)
@@ -99,12 +99,12 @@ def calibrate_by_earth_rate(
     method += (
         "; all six misalignments in the accelerometer's frame from the angle between gravity and Earth rate"
     )
-    return GyroCalibration(triad, covariance, np.ones(9, bool), method)
+    return TriadCalibration(triad, covariance, np.ones(9, bool), method)
 
 
 def calibrate_by_table(
     t: Array, gyro: Array, standstills: Standstills, force: Array, table_rate: float, notes: list[str]
-) -> GyroCalibration:
+) -> TriadCalibration:
     """Return the calibration by steady turns on a rate table, with `force` (R, 3) m/s² of the standstills."""
     calibration, method = _fit_steady_turns(t, gyro, standstills.gyro.mean(axis=0), table_rate)
     bias_sigma = calibration.sigma[:3]
@@ -124,4 +124,4 @@ def calibrate_by_table(
     covariance = calibration.full_covariance.copy()
     covariance[3:, 3:] += turns.covariance[3:, 3:]
     method += "; all six misalignments in the accelerometer's frame from the turns between standstills"
-    return GyroCalibration(triad, covariance, np.ones(9, bool), method, turns=turns)
+    return TriadCalibration(triad, covariance, np.ones(9, bool), method, turns=turns)

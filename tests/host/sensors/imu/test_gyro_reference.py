@@ -15,7 +15,7 @@ from hubodo.errors import CalibrationError, InputError
 from hubodo.sensors.imu import calibrate as room
 from hubodo.sensors.imu import vector_references
 from hubodo.sensors.imu.calibrate import calibrate_imu, estimate_static_bias
-from hubodo.sensors.imu.result import GyroCalibration, ImuCalibration
+from hubodo.sensors.imu.result import ImuCalibration, TriadCalibration
 from hubodo.sensors.imu.standstills import Standstills
 
 EARTH = 2 * np.pi / 86164.0905
@@ -355,7 +355,7 @@ def test_the_file_names_each_element_of_the_answer_to_force_by_gyro_and_axis():
         triad=Triad(np.zeros(3), np.eye(3)), sigma=np.ones(12), is_observable=np.ones(12, bool)
     )
     g = np.arange(1.0, 10.0).reshape(3, 3)
-    gyro = GyroCalibration(
+    gyro = TriadCalibration(
         Triad(BIAS, np.eye(3)), np.diag(np.arange(1.0, 13.0) ** 2), np.zeros(9, bool), "", g, g / 10
     )
     result = ImuCalibration(standstills(), 9.81, accel, None, gyro, ()).effect_parameters()
