@@ -21,7 +21,7 @@ from hubodo.errors import CalibrationError, InputError
 from hubodo.sensors.imu.pose_observability import MAX_OBSERVABLE_SIGMA, FactoryTolerance
 from hubodo.sensors.imu.result import TriadCalibration
 
-_TOLERANCE = FactoryTolerance(bias=1.0)
+_FACTORY_TOLERANCE = FactoryTolerance(bias=1.0)
 _MIN_DOF = 3
 _MAX_CHANCE = 0.01
 _SCALE_RANGE = (0.7, 1.4)
@@ -85,7 +85,7 @@ def _fit_axis(
             "write units in the headings, as in ref_ax (g)"
         )
     dof = len(y) - design.shape[1]
-    prior = np.array([_TOLERANCE.bias] + [_TOLERANCE.scale_and_angle] * f.shape[1])
+    prior = np.array([_FACTORY_TOLERANCE.bias] + [_TOLERANCE.scale_and_angle] * f.shape[1])
     known = bool(np.isfinite(sigma).all())
     noise = sigma if known else _noise_of_misfit(design, y, prior, own, weight, name)
     p, covariance = _solve(design, y, noise, prior, own)
