@@ -85,7 +85,7 @@ def _fit_axis(
             "write units in the headings, as in ref_ax (g)"
         )
     dof = len(y) - design.shape[1]
-    prior = np.array([_FACTORY_TOLERANCE.bias] + [_TOLERANCE.scale_and_angle] * f.shape[1])
+    prior = np.array([_FACTORY_TOLERANCE.bias] + [_FACTORY_TOLERANCE.scale_and_angle] * f.shape[1])
     known = bool(np.isfinite(sigma).all())
     noise = sigma if known else _noise_of_misfit(design, y, prior, own, weight, name)
     p, covariance = _solve(design, y, noise, prior, own)

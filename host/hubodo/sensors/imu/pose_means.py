@@ -92,7 +92,7 @@ def _check_reference(reference: Array, gravity: float, source: str) -> None:
     is_complete = bool(np.isfinite(reference).all())
     worst = int(np.argmax(np.abs(length / gravity - 1.0))) if is_complete else int(np.argmax(length))
     ratio = length[worst] / gravity
-    if abs(ratio - 1.0) > _REFERENCE_TOLERANCE if is_complete else ratio > 1.0 + _GRAVITY_TOLERANCE:
+    if abs(ratio - 1.0) > _REFERENCE_TOLERANCE if is_complete else ratio > 1.0 + _REFERENCE_TOLERANCE:
         raise InputError(
             f"{source}: the reference of pose {worst + 1} is {length[worst]:.4g} m/s² where gravity is "
             f"{gravity:.4g}: write its unit in the heading, as in ref_ax (g), or correct --gravity"
