@@ -95,7 +95,7 @@ KINDS: dict[str, _Kind] = {
     "wheel_eccentricity": _Kind(_eccentric, 0.2, shape_parameter="phase"),
     "wheel_camber": _Kind(_single_parameter("angle", 0.05), 0.5),
     "track_width": _Kind(_single_parameter("error", 0.02), 0.3),
-    "road_grade": _Kind(_single_parameter("angle", 0.02), 0.4),
+    "road_grade": _Kind(_single_parameter("angle", 0.02), 0.1),
     "time_offset": _Kind(_single_parameter("delay", 0.004), 0.1),
     "clock_skew": _Kind(_single_parameter("ppm", 100.0), 5000.0),
     "sample_repeat": _Kind(_single_parameter("probability", 0.01, is_signed=False), 0.4),

@@ -60,7 +60,10 @@ class RoadGrade(Effect):
         ("gyro_nonorthogonality", "accel_nonorthogonality", "accel_bias", "node_misalignment"),
         "drive the same road in both directions",
     )
-    angle: float = parameter("rad", 0.03, max_magnitude=1.5, odometry_prior=_ROAD_GRADE_PRIOR)
+    # One constant for a whole log: mountain passes climb by 0.1 rad, wheelchair ramps by 0.08 (1:12).
+    angle: float = parameter(
+        "rad", 0.03, max_plausible=0.1, max_magnitude=1.5, odometry_prior=_ROAD_GRADE_PRIOR
+    )
 
     def adjust_geometry(self, geometry: Geometry) -> Geometry:
         return replace(geometry, grade=geometry.grade + self.angle)

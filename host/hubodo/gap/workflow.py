@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 from hubodo.effects import BY_NAME, Effect
@@ -20,7 +20,7 @@ from hubodo.gap.judge.search import SearchObserver, SearchResult, build_initial_
 from hubodo.gap.problem.build import build_problem
 from hubodo.gap.problem.problem import Problem
 from hubodo.gap.process_noise.evaluation import Evaluation
-from hubodo.gap.process_noise.residual import compute_gap, compute_gap_floor
+from hubodo.gap.process_noise.residual import Residual, compute_gap, compute_gap_floor
 from hubodo.gap.refit.prune import prune_coordinates
 from hubodo.gap.refit.refit import refit
 from hubodo.gap.state.state import State
@@ -132,14 +132,16 @@ def _build_result(
     """Build the result: gaps and held-out gaps after each added effect, findings, unexplained residuals.
 
     If the gap grew, on all or on held-out samples, only the first effects are kept, up to the best gap.
+    Refinements of what the model file has are given up before new effects.
     """
     problem, final = initial_state.problem, search_result.final.evaluation.without_cache()
     held_out_split = split_held_out(problem)
     terms = [term for term in final.state.terms if term.is_fitted]
-    stages = [*(_refit_stage(initial_state, terms[:k], final) for k in range(len(terms))), final]
-    held_out_gaps = [_held_out_gap(stage.without_cache(), held_out_split) for stage in stages]
-    residuals = [stage.without_cache().residuals for stage in stages]
-    best = _best_stage([compute_gap(one) for one in residuals], held_out_gaps)
+    stages, held_out_gaps, residuals, best = _measure_stages(initial_state, terms, final, held_out_split)
+    reordered = _with_refinements_last(initial_state, terms)
+    if best < len(terms) and reordered != terms:
+        terms = reordered
+        stages, held_out_gaps, residuals, best = _measure_stages(initial_state, terms, final, held_out_split)
     if best < len(terms):
         left_out = ", ".join(term.label for term in terms[best:])
         warnings = (*warnings, f"left out, as the gap would grow: {left_out}")
@@ -202,6 +204,23 @@ def _is_minor(finding: Finding) -> bool:
         abs(one.value - (one.model_value or 0.0)) < _MAX_MINOR_CHANGE * kind.scale(name)
         for name, one in finding.parameters.items()
     )
+
+
+def _measure_stages(
+    initial_state: State, terms: Sequence[ModelTerm], final: Evaluation, held_out_split: HeldOutSplit
+) -> tuple[list[Evaluation], list[float], list[Mapping[str, Residual]], int]:
+    """Return evaluation, held-out gap and residuals after each of K effects, and how many effects to keep."""
+    stages = [*(_refit_stage(initial_state, terms[:k], final) for k in range(len(terms))), final]
+    held_out_gaps = [_held_out_gap(stage.without_cache(), held_out_split) for stage in stages]
+    residuals = [stage.without_cache().residuals for stage in stages]
+    best = _best_stage([compute_gap(one) for one in residuals], held_out_gaps)
+    return stages, held_out_gaps, residuals, best
+
+
+def _with_refinements_last(initial_state: State, terms: Sequence[ModelTerm]) -> list[ModelTerm]:
+    """Return the terms with those last whose effect the model file has, otherwise in the same order."""
+    given = {term.key for term in initial_state.terms}
+    return sorted(terms, key=lambda term: term.key in given)
 
 
 def _best_stage(gaps: Sequence[float], held_out_gaps: Sequence[float]) -> int:

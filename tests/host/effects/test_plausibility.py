@@ -5,6 +5,7 @@ import pytest
 from hubodo.effects.gyro import GyroSaturation
 from hubodo.effects.mounting import LeverArm
 from hubodo.effects.plausibility import implausible_parameters, limit_to_plausible
+from hubodo.effects.vehicle import RoadGrade
 from hubodo.effects.wheel import TyreGrowth
 
 PLAUSIBLE_ARM = LeverArm.max_plausible("x")
@@ -35,3 +36,8 @@ def test_a_parameter_without_a_stated_limit_is_plausible_up_to_20_scales():
 
 def test_a_positive_parameter_without_a_stated_limit_is_plausible_at_any_magnitude():
     assert implausible_parameters(GyroSaturation(limit=1e6)) == {}
+
+
+def test_a_road_that_climbs_by_more_than_a_mountain_pass_throughout_is_not_plausible():
+    assert implausible_parameters(RoadGrade(-0.107)) == {"angle": 0.1}
+    assert implausible_parameters(RoadGrade(0.08)) == {}

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from hubodo.arrays import Array, sin_cos
 from hubodo.effects import Effect
 from hubodo.gap.problem.problem import NodeData, Problem
+from hubodo.gap.state.low_pass import measure_low_pass_ratios
 from hubodo.model.forward import NodeInitialState, NodeReading
 from hubodo.smoothing_spline import SmoothingSpline
 from hubodo.vehicle import facing_sign, side_sign
@@ -69,7 +70,7 @@ def estimate_channel_noise(
     """Estimate the noise of a node's channels from their residual, (6, N), in groups of similar noise.
 
     On a road the noise varies from second to second with the surface: then groups are of similar roughness,
-    otherwise of similar spin.
+    otherwise of similar spin. Gyros that low-pass their noise have the level of the band of motion.
     """
     is_new = np.concatenate([[True], (np.diff(node.y, axis=1) != 0.0).any(axis=0)])
     spin = np.zeros(len(node.t)) if reading.rolling is None else np.abs(reading.rolling.spin)
@@ -86,6 +87,7 @@ def estimate_channel_noise(
             levels[row, k] = (
                 _estimate_white_sigma(residual[[row]], inside)[0] if is_sufficient else overall[row]
             )
+    levels[:3] *= measure_low_pass_ratios(node.t, residual[:3], reading)[:, None]
     minimum = np.maximum(_min_sigma(problem, node), _rounding_sigma(node))
     return ChannelNoise(np.maximum(levels, minimum[:, None]), group, is_new)
 
