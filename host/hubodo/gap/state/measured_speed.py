@@ -14,6 +14,10 @@ from hubodo.gap.problem.problem import NodeData
 from hubodo.model.forward import NodeInitialState
 from hubodo.vehicle import facing_sign
 
+# Repetitions of the correction for late gyros: each leaves a share sin(π f d) of the error at the frequency f
+# for a delay d, at 1 Hz and 0.1 s a third.
+_CLOCK_PASSES = 4
+
 
 @dataclass(frozen=True)
 class SpeedError:
@@ -22,11 +26,13 @@ class SpeedError:
     correction: (N,) m/s to be added to the measured speed
     correction_per_rate: (N,) m, change of the correction per rad/s of gyro error
     angle: (N,) rad, wheel angle for which the error of the gyro was computed
+    true_times: (N,) s, when the gyro was read, according to its clock effects
     """
 
     correction: Array
     correction_per_rate: Array
     angle: Array
+    true_times: Array
 
 
 def compute_speed_error(
@@ -58,7 +64,7 @@ def compute_speed_error(
         stamped = node.forward.inputs.at(node.t)
         error += stamped.speed - stamped.yaw_rate * y - contact
     correction = error + body.yaw_rate * y if is_only_source else error
-    return SpeedError(correction, -facing * radius, rolling.angle)
+    return SpeedError(correction, -facing * radius, rolling.angle, body.t)
 
 
 def build_measuring_chain(
@@ -70,6 +76,30 @@ def build_measuring_chain(
     """
     mean_effects = [effect for effect in effects.values() if effect.visible_in == "mean"]
     return node.forward.true_signals(mean_effects, NodeInitialState(), phase_offset)[0]
+
+
+def correct_measured_speed(
+    sources: Sequence[NodeData], weights: Array, errors: Mapping[str, SpeedError]
+) -> Array:
+    """Return the correction of a speed that gyros measured, (N,) m/s, at the stamps of the first.
+
+    weights: (S, N), as in `Problem.speed_weights`
+    errors: by node
+
+    The error of a late gyro is the change of the speed within its delay, but the measured speed itself
+    contains late readings: their errors are computed again with the corrected speed until they agree.
+    """
+    changes = {name: error.correction for name, error in errors.items()}
+    correction, t = average_speed_errors(sources, weights, changes), sources[0].t
+    shifted = {
+        node.name: node.t for node in sources if not np.array_equal(errors[node.name].true_times, node.t)
+    }
+    for _ in range(_CLOCK_PASSES if shifted else 0):
+        for name, stamps in shifted.items():
+            late = np.interp(stamps, t, correction) - np.interp(errors[name].true_times, t, correction)
+            changes[name] = errors[name].correction + late
+        correction = average_speed_errors(sources, weights, changes)
+    return correction
 
 
 def average_speed_errors(sources: Sequence[NodeData], weights: Array, errors: Mapping[str, Array]) -> Array:

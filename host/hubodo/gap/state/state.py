@@ -12,7 +12,7 @@ from hubodo.arrays import Array
 from hubodo.effects import Effect
 from hubodo.effects.sensor_chain import SensorChain
 from hubodo.gap.problem.problem import NodeData, Problem
-from hubodo.gap.state.measured_speed import SpeedError, average_speed_errors, compute_speed_error
+from hubodo.gap.state.measured_speed import SpeedError, compute_speed_error, correct_measured_speed
 from hubodo.gap.state.noise import InputSensitivity, compute_input_sensitivity
 from hubodo.gap.state.terms import ModelTerm, effects_on_node, terms_of_model
 from hubodo.model.forward import NodeInitialState, NodeReading
@@ -121,14 +121,8 @@ class State:
         if not sources:
             return None
         errors = {**self.speed_errors, **self._speed_errors(effects, changed)}
-        return SpeedCorrection(
-            sources[0].t,
-            average_speed_errors(
-                sources,
-                self.problem.speed_weights,
-                {name: error.correction for name, error in errors.items()},
-            ),
-        )
+        correction = correct_measured_speed(sources, self.problem.speed_weights, errors)
+        return SpeedCorrection(sources[0].t, correction)
 
     def _speed_errors(self, effects: Effects, names: Collection[str]) -> dict[str, SpeedError]:
         sources = self.problem.speed_source_nodes

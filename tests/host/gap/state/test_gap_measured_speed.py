@@ -1,9 +1,18 @@
 """Error of a speed measured by a gyro on a wheel."""
 
+from types import SimpleNamespace
+from typing import cast
+
 import numpy as np
 
 from hubodo.effects import BY_NAME
-from hubodo.gap.state.measured_speed import average_speed_errors, compute_speed_error
+from hubodo.gap.problem.problem import NodeData
+from hubodo.gap.state.measured_speed import (
+    SpeedError,
+    average_speed_errors,
+    compute_speed_error,
+    correct_measured_speed,
+)
 
 
 def test_a_gyro_without_errors_needs_no_speed_correction(problem):
@@ -29,3 +38,20 @@ def test_a_late_clock_corrects_the_speed_by_delay_times_acceleration(problem):
     scale = np.abs(expected).max()
     assert scale > 0.0
     assert np.abs(error.correction - expected).max() < 0.05 * scale
+
+
+def test_the_speed_of_two_gyros_is_corrected_for_a_clock_that_is_late_by_a_fifth_of_a_second():
+    t, delay = np.arange(0.0, 40.0, 0.01), 0.2
+    speed = lambda at: 5.0 + np.sin(1.5 * at) + 0.5 * np.sin(3.1 * at + 1.0)  # noqa: E731
+    measured = 0.5 * (speed(t) + speed(t - delay))
+    sources = [cast(NodeData, SimpleNamespace(name=name, t=t)) for name in ("left", "right")]
+    at_reading = np.interp(t - delay, t, measured)
+    errors = {
+        "left": SpeedError(measured - at_reading, np.zeros_like(t), np.zeros_like(t), t - delay),
+        "right": SpeedError(np.zeros_like(t), np.zeros_like(t), np.zeros_like(t), t),
+    }
+    corrected = measured + correct_measured_speed(sources, np.full((2, 1), 0.5), errors)
+    inside = slice(200, -200)
+    first_order = measured + 0.5 * errors["left"].correction
+    assert np.abs(first_order - speed(t))[inside].max() > 0.03
+    assert np.abs(corrected - speed(t))[inside].max() < 0.005
