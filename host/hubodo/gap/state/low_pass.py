@@ -9,7 +9,7 @@ from hubodo.model.forward import NodeReading
 
 # s, duration of a block, whose median is a value of the band below 15 Hz; blocks in a window of a second.
 _BLOCK_DURATION, _WINDOW_BLOCKS = 1.0 / 30.0, 30
-_MIN_BLOCK_SAMPLES = 3
+_MIN_MEDIAN_SAMPLES = 3
 # Ratio up to which noise counts as white: on real drives gyros have 0.8 to 1.4 as recorded, and 1.9 or more
 # with a lag of 10 ms.
 _MAX_WHITE_RATIO = 1.5
@@ -31,7 +31,7 @@ def measure_low_pass_ratios(t: Array, residual: Array, reading: NodeReading) -> 
     """
     size = round(_BLOCK_DURATION / float(np.median(np.diff(t)))) if len(t) > 1 else 0
     count = len(t) // max(size * _WINDOW_BLOCKS, 1)
-    if size < _MIN_BLOCK_SAMPLES or not count:
+    if size < _MIN_MEDIAN_SAMPLES or not count:
         return np.ones(len(residual))
     shape = (count, _WINDOW_BLOCKS, size)
     used = count * _WINDOW_BLOCKS * size
