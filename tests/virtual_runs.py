@@ -61,19 +61,20 @@ def messages_of(sent, kind):
     return [message for _, message in sent if isinstance(message, kind)]
 
 
-def match_samples(sent, truth, ticks_start_us=0):
+def match_samples(sent, truth, ticks_start_us=0, n_words=6):
     """Return (index in the truth, time error in us, number on the wire) of every sample sent.
 
-    Each sample sent must be one of the chip, in order.
+    Each sample sent must be one of the chip, in order. n_words: 3 for a BMI088, whose driver interpolates the
+    accelerometer.
     """
     known: dict[tuple[int, ...], list[int]] = {}
     for k, row in enumerate(truth.raw.tolist()):
-        known.setdefault(tuple(row), []).append(k)
+        known.setdefault(tuple(row[:n_words]), []).append(k)
     rows = []
     for batch in messages_of(sent, m.ImuBatch):
         for i, row in enumerate(batch.samples):
             after = rows[-1][0] if rows else -1
-            later = [k for k in known.get(tuple(row), ()) if k > after]
+            later = [k for k in known.get(tuple(row[:n_words]), ()) if k > after]
             assert later, f"sample {row} was not on the chip after sample {after}"
             k = later[0]
             t_us = batch.t_us + i * batch.period_ns / 1000

@@ -56,6 +56,8 @@ CHIPS = {
     "icm42688 1000": {"rate_hz": 1000},
     "icm20948 225": {"rate_hz": 225},
     "mpu9250 200": {"rate_hz": 200},
+    "bmi088": {"rate_hz": 400},
+    "icm42688 spi": {"rate_hz": 1000, "pins": {"imu_csn": 13}},
 }
 PARALLEL_RUNS = 2
 

@@ -4,6 +4,7 @@ import dataclasses
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -57,7 +58,7 @@ class ChipRun:
 
 def run_chip(
     name: str,
-    config: dict[str, object],
+    config: dict[str, Any],
     firmware: Path,
     seconds: float,
     *,
@@ -77,7 +78,12 @@ def run_chip(
     node = VirtualNode(
         unique_motion(seconds),
         Flash(firmware, config),
-        sensors=SensorBoard(chip, specimen=Specimen(odr_error), log=True),
+        sensors=SensorBoard(
+            chip,
+            specimen=Specimen(odr_error),
+            log=True,
+            select_pin=config.get("pins", {}).get("imu_csn"),
+        ),
         board=BoardSettings(
             interpreter="rp2040",
             pico=dataclasses.replace(pico, meter_from=STARTED if symbols is not None else None),
@@ -92,8 +98,10 @@ def run_chip(
         output, arrivals, truth = node.output, node.arrivals(), node.chip.truth()
         reads, meter = node.bus_log(), node.meter()
     sent = [(frame, decode(frame.type_id, frame.payload)) for frame in FrameDecoder().feed(output)]
-    matches = match_samples(sent, truth) if messages_of(sent, m.ImuBatch) else np.zeros((0, 3))
-    bursts = np.array([r.t for r in reads if r.register == FIFO_DATA_L])
+    n_words = 3 if chip == "bmi088" else 6
+    batches = messages_of(sent, m.ImuBatch)
+    matches = match_samples(sent, truth, n_words=n_words) if batches else np.zeros((0, 3))
+    bursts = np.array([r.t for r in reads if r.register == FIFO_DATA_L and chip == "lsm6ds33"])
     gap = float(np.diff(bursts).max()) if len(bursts) > 1 else None
     rate = (len(truth.t) - 1) / (truth.t[-1] - truth.t[0]) if len(truth.t) > 1 else 0.0
     sample_times = truth.t[matches[:, 0].astype(int)] if len(matches) else np.zeros(0)

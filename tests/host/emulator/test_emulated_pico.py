@@ -14,7 +14,7 @@ import pytest
 from board_programs import firmware
 
 import wanted
-from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host
+from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host, SensorBoard
 from hubodo.emulator.chips.faults import BrownOut, BusNack, Reset, ScriptedFault, Stall, StuckBus
 from hubodo.emulator.interpreters.find import find_node
 from hubodo.emulator.interpreters.rp2040 import image as images
@@ -34,7 +34,7 @@ from virtual_runs import pico_or_skip
 RUNNERS = Path(images.__file__).parent
 # What is printed before the host has enumerated the device is lost, as with a real one.
 QUICK = PicoSettings(miss_cycles=0)
-PICO, CLOCK = BoardSettings(pico=QUICK), Clock()
+PICO, CLOCK, SENSORS = BoardSettings(pico=QUICK), Clock(), SensorBoard()
 READY = "import time\ntime.sleep_ms(400)\n"
 I2C = READY + "import machine\ni2c = machine.I2C(0, scl=machine.Pin(5), sda=machine.Pin(4), freq=400000)\n"
 
@@ -54,6 +54,7 @@ def run(
     board: BoardSettings = PICO,
     clock: Clock = CLOCK,
     faults: Sequence[ScriptedFault] = (),
+    sensors: SensorBoard = SENSORS,
 ) -> VirtualNode:
     """A started node whose emulated time has run out."""
     node = VirtualNode(
@@ -63,6 +64,7 @@ def run(
         clock=replace(clock, kind="stepped", run_for=seconds),
         host=Host("memory"),
         faults=faults,
+        sensors=sensors,
         own_process=False,
     )
     node.start()
@@ -321,3 +323,35 @@ def test_the_fast_core_agrees_with_the_core_of_the_emulator(tmp_path: Path) -> N
     done = subprocess.run(words, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.strip() == "1500000 instructions alike"
+
+
+def test_a_chip_on_spi_is_read_in_bytes_and_in_bursts_that_take_the_time_of_their_bits(
+    tmp_path: Path,
+) -> None:
+    """At 1 MHz the 65 bytes of a burst take 520 us. The FIFO is empty at first: bytes of 0xff."""
+    program = (
+        READY
+        + """
+import machine
+spi = machine.SPI(0, baudrate=1000000, sck=machine.Pin(18), mosi=machine.Pin(19), miso=machine.Pin(16))
+select = machine.Pin(13, machine.Pin.OUT, value=1)
+def read(register, n):
+    data = bytearray(n)
+    select.value(0)
+    spi.write(bytes([register | 0x80]))
+    spi.readinto(data)
+    select.value(1)
+    return data
+print(hex(read(0x75, 1)[0]), bytes(read(0x4E, 3)) == b"".join(read(0x4E + k, 1) for k in range(3)))
+begin = time.ticks_us()
+fifo = read(0x30, 64)
+took = time.ticks_diff(time.ticks_us(), begin)
+print(set(fifo), 520 <= took < 900)
+select.value(0)
+spi.write(bytes([0x4F, 0x06]))
+select.value(1)
+print(hex(read(0x4F, 1)[0]))
+"""
+    )
+    node = run(tmp_path, program, sensors=SensorBoard("icm42688", select_pin=13))
+    assert printed(node) == ["0x47 True", "{255} True", "0x6"]

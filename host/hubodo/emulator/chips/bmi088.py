@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from hubodo.arrays import Array
+from hubodo.emulator.chips.bosch import BoschChip
 from hubodo.emulator.chips.faults import BrownOut
 from hubodo.emulator.chips.imu import Imu, Specimen, accel_per_lsb, rad_per_lsb
-from hubodo.emulator.chips.registers import Register, RegisterChip
+from hubodo.emulator.chips.registers import Register
 from hubodo.emulator.chips.sampling import RawWords, SampleClock, quantise
 from hubodo.emulator.motion import Motion
 
@@ -18,14 +19,14 @@ ACC_FIFO_CONFIG_0, ACC_FIFO_CONFIG_1, ACC_PWR_CONF, ACC_PWR_CTRL, ACC_CMD = 0x48
 ACC_ODR_HZ = {5: 12.5, 6: 25.0, 7: 50.0, 8: 100.0, 9: 200.0, 10: 400.0, 11: 800.0, 12: 1600.0}
 ACC_RANGE_G = (3.0, 6.0, 12.0, 24.0)
 ACC_FIFO_BYTES, FRAME_BYTES = 1024, 7
-_DATA_HEADER, _SKIP_HEADER, _NO_DATA = 0x84, 0x40, 0x80
+_DATA_HEADER, _SKIP_HEADER = 0x84, 0x40
 _DRDY, _FIFO_FLUSH, _IN_FIFO, _ON = 0x80, 0xB0, 0x40, 0x04
 
 RATE, FIFO_STATUS, RANGE, BANDWIDTH, LPM1, SOFTRESET = 0x02, 0x0E, 0x0F, 0x10, 0x11, 0x14
 FIFO_CONFIG_1, FIFO_DATA = 0x3E, 0x3F
 GYRO_ODR_HZ = (2000.0, 2000.0, 1000.0, 400.0, 200.0, 100.0, 200.0, 100.0)
 GYRO_RANGE_DPS = (2000.0, 1000.0, 500.0, 250.0, 125.0)
-GYRO_FIFO_FRAMES = 100
+GYRO_FIFO_FRAMES, GYRO_FRAME_BYTES = 100, 6
 _OVERRUN, _BYPASS, _STREAM = 0x80, 0, 2
 
 ACCELEROMETER_REGISTERS: dict[int, Register] = {
@@ -72,19 +73,19 @@ GYRO_REGISTERS: dict[int, Register] = {
 }
 
 
-class Bmi088Accelerometer(RegisterChip):
+class Bmi088Accelerometer(BoschChip):
     """The accelerometer of a BMI088: suspended and off after a reset, with headers in its FIFO.
 
     Its clock deviates from the nominal rate by the specimen's error with the opposite sign, so that it and
     the gyro drift apart. Not modelled: FIFO frames of time and settings, watermarks, down-sampling.
     """
 
+    OUTPUT, OUTPUT_BYTES, FIFO_REGISTER = ACC_OUT, 6, ACC_FIFO_DATA
+
     def __init__(self, motion: Motion, specimen: Specimen, address: int) -> None:
         self._motion, self._specimen = motion, specimen
         self._rng = np.random.default_rng([specimen.seed, 1])
-        self._sample, self._temperature, self._data_ready = bytes(6), 0, 0
-        self._fifo = bytearray()
-        self._skipped_frames = 0
+        self._temperature = 0
         self.clock = SampleClock(
             3,
             odr_error=-specimen.odr_error,
@@ -102,11 +103,11 @@ class Bmi088Accelerometer(RegisterChip):
         super().power_on(t)
         self.clock.stop()
         self._clear_fifo()
-        self._sample, self._data_ready = bytes(6), 0
 
     def _clear_fifo(self) -> None:
         self._fifo.clear()
-        self._skipped_frames = 0
+        self._skipped_frames = self._part_bytes = 0
+        self._skip_frame = b""
 
     @property
     def lsb(self) -> float:
@@ -115,7 +116,7 @@ class Bmi088Accelerometer(RegisterChip):
 
     def on_register_changed(self, t: float, register: int) -> None:
         """React to a control register that changed."""
-        self._measure_until(t)
+        self.measure_until(t)
         if register == ACC_CMD:
             command, self.values[ACC_CMD] = self.values[ACC_CMD], 0
             if command == SOFT_RESET:
@@ -145,7 +146,7 @@ class Bmi088Accelerometer(RegisterChip):
 
         self.clock.start(t, rate_hz, measure, np.full(3, lsb))
 
-    def _measure_until(self, t: float) -> None:
+    def measure_until(self, t: float) -> None:
         """Measure the samples due by t, and store them in the FIFO."""
         for sample in self.clock.samples_until(t):
             _, self._sample, self._temperature = sample
@@ -153,41 +154,32 @@ class Bmi088Accelerometer(RegisterChip):
             if self.values[ACC_FIFO_CONFIG_1] & _IN_FIFO:
                 self._fifo += bytes([_DATA_HEADER]) + self._sample
                 if len(self._fifo) > ACC_FIFO_BYTES:
-                    del self._fifo[:FRAME_BYTES]
+                    oldest = FRAME_BYTES if self._part_bytes else 0  # a frame that is being read stays
+                    del self._fifo[oldest : oldest + FRAME_BYTES]
                     self._skipped_frames += 1
 
-    def next_register(self, register: int) -> int:
-        """Return the next register of a burst; FIFO_DATA repeats."""
-        return register if register == ACC_FIFO_DATA else (register + 1) & 0x7F
+    def set_pointer(self, sub_address: int) -> None:
+        """Receive the sub-address byte; a frame that was read in part stays in the FIFO."""
+        super().set_pointer(sub_address)
+        self._part_bytes, self._skip_frame = 0, b""
 
-    def read(self, t: float, n: int, byte_time: float) -> bytes:
-        """Return a burst; the output registers hold one sample for its duration."""
-        self._measure_until(t)
-        if self.pointer == ACC_FIFO_DATA:
-            return self._read_fifo(n)
-        if self.pointer >= ACC_OUT and self.pointer + n <= ACC_OUT + 6:
-            self._data_ready = 0
-            return self._sample[self.pointer - ACC_OUT :][:n]
-        return super().read(t, n, byte_time)
-
-    def _read_fifo(self, n: int) -> bytes:
-        """Return n bytes of the FIFO; a frame that is read in part stays."""
-        skipped = bytes([_SKIP_HEADER, min(self._skipped_frames, 255)]) if self._skipped_frames else b""
-        self._skipped_frames = 0
-        data = (skipped + bytes(self._fifo))[:n]
-        del self._fifo[: max(len(data) - len(skipped), 0) // FRAME_BYTES * FRAME_BYTES]
-        if len(data) < n:
-            self.anomalies["read of empty FIFO"] += 1
-        return data + bytes([_NO_DATA]) * (n - len(data))
+    def read_fifo(self, n: int) -> bytes:
+        """Return up to n bytes of the FIFO, and remove its whole frames."""
+        if self._skipped_frames and not self._part_bytes:
+            self._skip_frame = bytes([_SKIP_HEADER, min(self._skipped_frames, 255)])
+            self._skipped_frames = 0
+        skip, self._skip_frame = self._skip_frame[:n], self._skip_frame[n:]
+        data = bytes(self._fifo[self._part_bytes :][: n - len(skip)])
+        self._part_bytes += len(data)
+        n_frames, self._part_bytes = divmod(self._part_bytes, FRAME_BYTES)
+        del self._fifo[: n_frames * FRAME_BYTES]
+        return skip + data
 
     def read_register(self, t: float, register: int) -> int:
         """Return one byte, and apply the side effects of the read."""
-        self._measure_until(t)
+        self.measure_until(t)
         if register == STATUS:
             return self._data_ready
-        if ACC_OUT <= register < ACC_OUT + 6:
-            self._data_ready = 0
-            return self._sample[register - ACC_OUT]
         if register in (TEMP_MSB, TEMP_LSB):
             return (self._temperature << 5).to_bytes(2, "big", signed=True)[register - TEMP_MSB]
         if register in (FIFO_LENGTH_0, FIFO_LENGTH_1):
@@ -197,7 +189,7 @@ class Bmi088Accelerometer(RegisterChip):
         return self.values[register]
 
 
-class Bmi088(Imu):
+class Bmi088(BoschChip, Imu):
     """A BMI088 that is moved by `motion`: its gyro, with the accelerometer at an address of its own.
 
     Register maps and formulas: Bosch BST-BMI088-DS001. Samples are those of the gyro; `truth` pairs each with
@@ -206,12 +198,10 @@ class Bmi088(Imu):
     """
 
     chip_name = "bmi088"
+    OUTPUT, OUTPUT_BYTES, FIFO_REGISTER = RATE, 6, FIFO_DATA
 
     def __init__(self, motion: Motion, specimen: Specimen | None = None, *, address: int = 0x68) -> None:
         specimen = specimen or Specimen()
-        self._sample = bytes(6)
-        self._fifo: list[bytes] = []
-        self._has_overrun = False
         self.accelerometer = Bmi088Accelerometer(motion, specimen, address - 0x50)
         self.companions = (self.accelerometer,)
         super().__init__(motion, specimen, address, GYRO_REGISTERS, (CHIP_ID, specimen.who_am_i or 0x0F))
@@ -223,7 +213,6 @@ class Bmi088(Imu):
     def power_on(self, t: float) -> None:
         """Reset the registers at t, as power-up and soft reset do; the gyro then runs."""
         super().power_on(t)
-        self._sample = bytes(6)
         self._clear_fifo()
         self._configure(t)
 
@@ -238,7 +227,7 @@ class Bmi088(Imu):
 
     def on_register_changed(self, t: float, register: int) -> None:
         """React to a control register that changed."""
-        self._measure_until(t)
+        self.measure_until(t)
         if register == SOFTRESET:
             command, self.values[SOFTRESET] = self.values[SOFTRESET], 0
             if command == SOFT_RESET:
@@ -255,42 +244,32 @@ class Bmi088(Imu):
             rate_hz = GYRO_ODR_HZ[self.values[BANDWIDTH] & 7]
             self.start_sampling(t, rate_hz, self.gyro_lsb, self.accelerometer.lsb)
 
-    def _measure_until(self, t: float) -> None:
+    def measure_until(self, t: float) -> None:
         """Measure the samples due by t, and store them in the FIFO."""
         for sample in self.clock.samples_until(t):
             self._sample = sample[1][:6]
             mode = self.values[FIFO_CONFIG_1] >> 6
             if mode == _BYPASS:
                 self._fifo.clear()
-            self._fifo.append(self._sample)
-            limit = GYRO_FIFO_FRAMES if mode != _BYPASS else 1
-            if len(self._fifo) > limit:
+            part = len(self._fifo) % GYRO_FRAME_BYTES  # the rest of a frame that is being read
+            self._fifo += self._sample
+            if self._frames_held() > (GYRO_FIFO_FRAMES if mode != _BYPASS else 1):
                 self._has_overrun = True
-                self._fifo.pop(0 if mode == _STREAM else -1)
+                oldest = part if mode == _STREAM else len(self._fifo) - GYRO_FRAME_BYTES
+                del self._fifo[oldest : oldest + GYRO_FRAME_BYTES]
                 self.fifo_dropped += 6
 
-    def next_register(self, register: int) -> int:
-        """Return the next register of a burst; FIFO_DATA repeats."""
-        return register if register == FIFO_DATA else (register + 1) & 0x7F
+    def _frames_held(self) -> int:
+        return -(-len(self._fifo) // GYRO_FRAME_BYTES)
 
-    def read(self, t: float, n: int, byte_time: float) -> bytes:
-        """Return a burst; the output registers hold one sample for its duration."""
-        self._measure_until(t)
-        if self.pointer == FIFO_DATA:
-            frames, self._fifo = self._fifo[: -(-n // 6)], self._fifo[-(-n // 6) :]
-            data = b"".join(frames)[:n]
-            if len(data) < n:
-                self.anomalies["read of empty FIFO"] += 1
-            return data + bytes(n - len(data))
-        if self.pointer >= RATE and self.pointer + n <= RATE + 6:
-            return self._sample[self.pointer - RATE :][:n]
-        return super().read(t, n, byte_time)
+    def set_pointer(self, sub_address: int) -> None:
+        """Receive the sub-address byte; the rest of a frame that was read in part is lost."""
+        super().set_pointer(sub_address)
+        del self._fifo[: len(self._fifo) % GYRO_FRAME_BYTES]
 
     def read_register(self, t: float, register: int) -> int:
         """Return one byte."""
-        self._measure_until(t)
+        self.measure_until(t)
         if register == FIFO_STATUS:
-            return len(self._fifo) | (_OVERRUN if self._has_overrun else 0)
-        if RATE <= register < RATE + 6:
-            return self._sample[register - RATE]
+            return self._frames_held() | (_OVERRUN if self._has_overrun else 0)
         return self.values[register]

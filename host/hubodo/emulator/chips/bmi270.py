@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from hubodo.arrays import Array
+from hubodo.emulator.chips.bosch import BoschChip
 from hubodo.emulator.chips.imu import Imu, Specimen, accel_per_lsb, rad_per_lsb
 from hubodo.emulator.chips.registers import Register
 from hubodo.emulator.chips.sampling import RawWords, quantise
@@ -54,7 +55,7 @@ REGISTERS: dict[int, Register] = {
 }
 
 
-class Bmi270(Imu):
+class Bmi270(BoschChip, Imu):
     """A BMI270 that is moved by `motion`.
 
     Register map and formulas: Bosch BST-BMI270-DS000. `configuration` holds what a driver has uploaded; it is
@@ -64,12 +65,11 @@ class Bmi270(Imu):
 
     chip_name = "bmi270"
     SPI_DUMMY_BYTES = 1
+    OUTPUT, OUTPUT_BYTES, FIFO_REGISTER = OUT, 12, FIFO_DATA
 
     def __init__(self, motion: Motion, specimen: Specimen | None = None, *, address: int = 0x68) -> None:
         specimen = specimen or Specimen()
-        self._sample, self._temperature = bytes(12), 0
-        self._data_ready = 0
-        self._fifo = bytearray()
+        self._temperature = 0
         self.configuration = bytearray()
         super().__init__(motion, specimen, address, REGISTERS, (CHIP_ID, specimen.who_am_i or 0x24))
 
@@ -82,8 +82,6 @@ class Bmi270(Imu):
         super().power_on(t)
         self.spi_is_active = False
         self.clock.stop()
-        self._sample, self._data_ready = bytes(12), 0
-        self._fifo.clear()
         self.configuration = bytearray(CONFIGURATION_BYTES)
         self._received = 0
 
@@ -108,7 +106,7 @@ class Bmi270(Imu):
 
     def on_register_changed(self, t: float, register: int) -> None:
         """React to a control register that changed."""
-        self._measure_until(t)
+        self.measure_until(t)
         if register == CMD:
             command, self.values[CMD] = self.values[CMD], 0
             if command == _SOFT_RESET:
@@ -135,7 +133,7 @@ class Bmi270(Imu):
             return
         self.start_sampling(t, ODR_HZ[codes.pop()], self.gyro_lsb, self.accel_lsb)
 
-    def _measure_until(self, t: float) -> None:
+    def measure_until(self, t: float) -> None:
         """Measure the samples due by t, and store them in the FIFO."""
         for sample in self.clock.samples_until(t):
             _, words, self._temperature = sample
@@ -147,28 +145,9 @@ class Bmi270(Imu):
                     del self._fifo[:FRAME_BYTES]
                     self.fifo_dropped += 6
 
-    def next_register(self, register: int) -> int:
-        """Return the next register of a burst; FIFO_DATA repeats."""
-        return register if register == FIFO_DATA else (register + 1) & 0x7F
-
-    def read(self, t: float, n: int, byte_time: float) -> bytes:
-        """Return a burst; the output registers hold one sample for its duration."""
-        if self.pointer == FIFO_DATA:
-            self._measure_until(t)
-            data = bytes(self._fifo[:n])
-            del self._fifo[:n]
-            if len(data) < n:
-                self.anomalies["read of empty FIFO"] += 1
-            return data + bytes([0x80]) * (n - len(data))
-        if self.pointer >= OUT and self.pointer + n <= OUT + 12:
-            self._measure_until(t)
-            self._data_ready = 0
-            return self._sample[self.pointer - OUT :][:n]
-        return super().read(t, n, byte_time)
-
     def read_register(self, t: float, register: int) -> int:
         """Return one byte, and apply the side effects of the read."""
-        self._measure_until(t)
+        self.measure_until(t)
         if register == STATUS:
             return self._data_ready
         if OUT <= register < OUT + 12:

@@ -2,6 +2,7 @@
 import { ConsoleLogger, LogLevel, RP2040 } from "rp2040js";
 import { I2cController } from "./i2c.mjs";
 import { Pins } from "./pins.mjs";
+import { SpiController } from "./spi.mjs";
 import { FastCore } from "./thumb.mjs";
 import { UsbHost } from "./usb.mjs";
 import { XipCache } from "./xip_cache.mjs";
@@ -76,7 +77,10 @@ export class Pico {
     for (const pc of [eraseAt, programAt, ...this.hooks.keys(), ...this.waits.keys()]) this.fast.mark(pc, true);
     this._busyUntil = 0;
     const pins = new Pins(mcu, this.line);
-    for (const number of [0, 1]) new I2cController(mcu, number, this.line, pins);
+    for (const number of [0, 1]) {
+      new I2cController(mcu, number, this.line, pins);
+      new SpiController(mcu, number, this.line, pins);
+    }
     this.usb = new UsbHost(mcu, this.line);
     this.core.PC = FLASH;
   }

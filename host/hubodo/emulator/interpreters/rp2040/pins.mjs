@@ -1,6 +1,7 @@
-// Bus pins that the firmware drives directly, and analogue pins: both query the board.
+// Bus pins and selects that the firmware drives directly, and analogue pins: all query the board.
+import { watchOutputs } from "./spi.mjs";
 
-const SIO_FUNCTION = 5, OPEN_DRAIN = 2, NO_PULL = 0xff;
+const SIO_FUNCTION = 5, OUTPUT = 1, OPEN_DRAIN = 2, NO_PULL = 0xff;
 const DRIVEN_LOW = 0; // a GPIOPinState of rp2040js
 
 export class Pins {
@@ -11,6 +12,7 @@ export class Pins {
     this._bus = [];
     this._watched = [];
     this._levels = new Map();
+    this._selects = false;
     const adc = mcu.adc, read = adc.onADCRead;
     adc.onADCRead = (channel) => {
       line.ask(line.op.ADC_READ, channel);
@@ -28,6 +30,17 @@ export class Pins {
       return this._mcu.gpio[pin].addListener((state) => this._moved(pin, state === DRIVEN_LOW ? 0 : 1));
     });
     this.look();
+  }
+
+  /** Passes the levels of all other driven pins to the board, whose selects are among them. */
+  watchSelects() {
+    if (this._selects) return;
+    this._selects = true;
+    watchOutputs(this._mcu, (pin, level) => {
+      if (this._bus.includes(pin)) return;
+      this._line.ask(this._line.op.PIN_INIT, pin, [OUTPUT, NO_PULL]);
+      this._line.ask(this._line.op.PIN_SET, pin, [level]);
+    });
   }
 
   /** Sets the input levels of the bus pins: high unless a chip holds one low. */
