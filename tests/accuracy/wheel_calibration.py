@@ -30,6 +30,12 @@ ERRORS = replace(wheel_drives.Errors(), radius=0.01, track=0.015)
 RECEIVERS = {
     "RTK": (Receiver(), 0.1),
     "RTK that jumps": (Receiver(jumps=2), 0.1),
+    "RTK with excursions": (Receiver(excursions=5), 0.1),
+    "RTK that wanders": (Receiver(slow=0.15, memory=8.0), 0.1),
+    "RTK that wanders, with jumps and excursions": (
+        Receiver(slow=0.12, memory=8.0, jumps=1, excursions=5),
+        0.1,
+    ),
     "RTK, float": (Receiver(slow=0.5, white=0.05, memory=90.0), 0.1),
     "GNSS": (Receiver(rate_hz=1.0, white=0.7, slow=1.5, memory=120.0, delay=0.05), 1.5),
     "GNSS, white": (Receiver(rate_hz=1.0, white=1.0, slow=0.0), 1.0),

@@ -18,7 +18,8 @@ class Receiver:
 
     rate_hz: rate of positions. white, slow: 1 sigma of the white error and of the error with a correlation
     time of `memory` s, m. antenna: position forward and left of the axle's middle, m. delay: latency of the
-    stamps, s. jumps: number of jumps of `jump` m. turned: rotation of the axes, rad.
+    stamps, s. jumps: number of jumps of `jump` m. excursions: number
+    of jumps that return after 1 to 6 s, a multipath signal beside a house. turned: rotation of the axes, rad.
     """
 
     rate_hz: float = 10.0
@@ -29,6 +30,7 @@ class Receiver:
     delay: float = 0.01
     jumps: int = 0
     jump: float = 0.5
+    excursions: int = 0
     turned: float = 1.0
 
 
@@ -43,6 +45,9 @@ def positions(drive: WheelDrive, receiver: Receiver, seed: int) -> tuple[np.ndar
     place += receiver.white * _complex(rng, len(t)) + _lasting(rng, receiver, len(t))
     for start in rng.integers(len(t) // 5, len(t), receiver.jumps):
         place[start:] += receiver.jump * np.exp(2j * np.pi * rng.random())
+    for start in rng.integers(len(t) // 10, len(t), receiver.excursions):
+        end = start + int(rng.uniform(1.0, 6.0) * receiver.rate_hz)
+        place[start:end] += rng.uniform(0.5, 2.0) * receiver.jump * np.exp(2j * np.pi * rng.random())
     place *= np.exp(1j * receiver.turned)
     return t, place.real, place.imag
 

@@ -351,7 +351,7 @@ def test_the_initial_position_sigma_covers_antenna_random_and_slow_errors() -> N
     first_position = Positions(np.array([0.0]), np.array([3.0]), np.array([4.0]), np.array([0.2]))
     for random, slow in ((3.0, 5.0), (1.5, 1.5), (0.2, 0.7)):
         aided = run_aided_filter(config(drive), (), first_position, np.array([random]), slow, 3.0 + 4.0j, {})
-        assert (aided.n_used, aided.n_jumps, aided.cost) == (0, 0, 0.0)
+        assert (aided.n_used, len(aided.jumps), aided.cost) == (0, 0, 0.0)
         # 1.5 m is the prior sigma of an antenna offset that nobody measured.
         for entry, value in ((X, 3.0), (Y, 4.0)):
             column = aided.core.columns.vehicle[entry]

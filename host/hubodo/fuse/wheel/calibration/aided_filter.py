@@ -10,6 +10,7 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.calibration.file import Quantity
+from hubodo.fuse.wheel.calibration.excursions import Jump
 from hubodo.fuse.wheel.calibration.positions import Positions
 from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import ANTENNA_X, ANTENNA_Y, POSITION_ERROR_X, POSITION_ERROR_Y, Entry, X, Y
@@ -38,14 +39,14 @@ _JUMP_COST = 2.0 * math.log(1e4)
 class AidedRun:
     """Result of a filter run aided by positions.
 
-    core: the filter after the last step. cost: -2 log likelihood of the positions. n_used, n_jumps: numbers
-    of positions used and of jumps among them.
+    core: the filter after the last step. cost: -2 log likelihood of the positions. n_used: number of
+    positions used. jumps: jumps among them.
     """
 
     core: FilterCore
     cost: float
     n_used: int
-    n_jumps: int
+    jumps: tuple[Jump, ...]
 
 
 def run_aided_filter(
@@ -76,7 +77,8 @@ def run_aided_filter(
             (slow_sigma + ANTENNA_X.prior + float(white_sigma[0])) ** 2,
         )
     core.align([step.windows for step in steps if not step.realign])
-    cost, count, jump_count = 0.0, 0, 0
+    cost, count = 0.0, 0
+    jumps: list[Jump] = []
     for number, step in enumerate(steps):
         pose = core.step(step, ALIGNMENT_WINDOWS)
         for index in positions_of_step.get(number, ()):
@@ -92,14 +94,14 @@ def run_aided_filter(
                 _reset_slow_error(core, _GAP_JUMP_SIGMA)
             innovation = core.position_innovation(at)
             if innovation.nis > _JUMP_NIS and count:
-                jump_count += 1
-                _reset_slow_error(core, float(np.hypot(*innovation.z)))
+                jumps.append(Jump(index, complex(*innovation.z)))
+                _reset_slow_error(core, abs(jumps[-1].change))
                 innovation = core.position_innovation(at)
                 cost += _JUMP_COST
             cost += innovation.cost
             core.update_with_position(innovation)
             count += 1
-    return AidedRun(core, cost, count, jump_count)
+    return AidedRun(core, cost, count, tuple(jumps))
 
 
 def _aiding_priors(positions: Positions, slow_sigma: float) -> dict[Entry, Quantity]:

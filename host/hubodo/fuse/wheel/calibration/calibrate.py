@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hubodo.calibration.file import Quantity
 from hubodo.errors import CalibrationError
@@ -18,6 +20,7 @@ from hubodo.fuse.wheel.calibration.alignment import (
     check_distance,
     rotated_track_at,
 )
+from hubodo.fuse.wheel.calibration.excursions import find_excursions
 from hubodo.fuse.wheel.calibration.held_out import Antenna, measure_held_out_errors
 from hubodo.fuse.wheel.calibration.learnt_parameters import (
     LearntParameters,
@@ -98,6 +101,11 @@ def calibrate_wheels(
     drive = _CalibrationDrive(config, nodes, positions, priors or WheelPriors())
     slow = drive.largest_slow_error()
     aided = drive.run_aided(drive.positions, slow)
+    excursions = find_excursions(aided.jumps, drive.positions.t)
+    if excursions.any():
+        drive.leave_out(excursions)
+        slow = drive.largest_slow_error()
+        aided = drive.run_aided(drive.positions, slow)
     _check_jumps(aided)
     antenna = (aided.core.estimate(None, ANTENNA_X), aided.core.estimate(None, ANTENNA_Y))
     track = drive.track
@@ -123,16 +131,17 @@ def calibrate_wheels(
         float(np.median(drive.random)),
         slow,
         aided.n_used,
-        aided.n_jumps,
+        len(aided.jumps),
         drive.warnings,
     )
 
 
 def _check_jumps(aided: AidedRun) -> None:
     """Raise CalibrationError if the positions jump too often to calibrate anything."""
-    if aided.n_jumps > max(_MAX_JUMPS, _MAX_JUMP_SHARE * aided.n_used):
+    count = len(aided.jumps)
+    if count > max(_MAX_JUMPS, _MAX_JUMP_SHARE * aided.n_used):
         raise CalibrationError(
-            f"the positions jumped {aided.n_jumps} times among {aided.n_used}; use a part of the drive with "
+            f"the positions jumped {count} times among {aided.n_used}; use a part of the drive with "
             "a steady reference, or fixes with their own sigma; nothing is written"
         )
 
@@ -188,6 +197,14 @@ class _CalibrationDrive:
             heading_sigma=_START_HEADING_SIGMA,
         )
         self.before = FilterCore(self._wide)
+
+    def leave_out(self, excursions: NDArray[Any]) -> None:
+        """Leave out the positions of a mask, (M,), with a warning."""
+        count, total = int(np.sum(excursions)), len(excursions)
+        self.positions, self.random = self.positions.select(~excursions), self.random[~excursions]
+        self.warnings += (
+            f"{count} of {total} positions jumped and returned within seconds; they are left out",
+        )
 
     def run_aided(self, positions_used: Positions, slow: float) -> AidedRun:
         """Run the filter with wide priors, aided by positions."""
