@@ -52,7 +52,15 @@ DEFAULTS = (WheelNoise, StandstillLimits)
 
 LAYOUT = {
     *("WINDOW_S", "ALIGNMENT_WINDOWS", "N_ROWS", "MISSING", "HISTORY_WINDOWS", "BOTH_WHEELS"),
-    *("UNIFORM_ANGLE_SIGMA", "_FULL_TURN", "_GATE_NIS", "SUM_LENGTHS_WINDOWS", "_FULL_SHARE"),
+    *(
+        "CHECKPOINT_STEPS",
+        "GYRO_SCALE_COVARIANCE",
+        "UNIFORM_ANGLE_SIGMA",
+        "_FULL_TURN",
+        "_GATE_NIS",
+        "SUM_LENGTHS_WINDOWS",
+        "_FULL_SHARE",
+    ),
 }
 """Constants that define the data or follow from others."""
 

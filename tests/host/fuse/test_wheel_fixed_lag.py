@@ -5,10 +5,14 @@ import itertools
 import numpy as np
 import pytest
 
+from accuracy import slip
 from hubodo.fuse.wheel.filter import ALIGNMENT_WINDOWS
+from hubodo.fuse.wheel.filter_core import CHECKPOINT_STEPS
 from hubodo.fuse.wheel.fixed_lag import smooth_with_lag
 from hubodo.fuse.wheel.slip_schedule import SlipSchedule
+from hubodo.fuse.wheel.smoother import smooth_whole_log
 from hubodo.fuse.wheel.track import run_wheel_filter, track_from_poses
+from hubodo.recording import Table
 from wheel_runs import config, short_loop, tables
 
 
@@ -52,3 +56,27 @@ def test_a_longer_lag_never_increases_the_heading_sigma_and_keeps_the_last_pose(
     middle = len(tracks[0].t) // 2
     assert tracks[2].covariance[middle, 2, 2] < 0.999 * tracks[0].covariance[middle, 2, 2]
     assert [tracks[2].x[-1], tracks[2].y[-1]] == pytest.approx([tracks[0].x[-1], tracks[0].y[-1]], abs=1e-6)
+
+
+def test_the_blocks_of_a_first_pass_without_slip_are_those_of_a_second_pass() -> None:
+    drive = short_loop(9)
+    run = run_wheel_filter(config(drive), tables(drive), lag=np.inf)
+    core, steps, checkpoints = run.filter.core, run.filter.recorded_steps, run.filter.checkpoints
+    assert steps is not None and checkpoints is not None
+    assert core.is_single_pass and len(checkpoints) == -(-len(steps) // CHECKPOINT_STEPS) > 1
+    second_pass = track_from_poses(smooth_whole_log(core, [], steps, ALIGNMENT_WINDOWS))
+    for name in ("x", "y", "heading", "speed", "yaw_rate", "covariance"):
+        np.testing.assert_array_equal(getattr(run.track, name), getattr(second_pass, name))
+
+
+def test_a_slip_or_an_outage_needs_a_second_pass() -> None:
+    slipping, names, _ = slip.make_drive(slip.CASES["two wheels, 1.5 s of double spin"], 100)
+    assert not run_wheel_filter(config(slipping, names), tables(slipping)).filter.core.is_single_pass
+    drive = short_loop(9)
+    silent = {
+        name: Table(
+            {key: column[(table.t < 10.0) | (table.t > 12.0)] for key, column in table.columns.items()}
+        )
+        for name, table in tables(drive).items()
+    }
+    assert not run_wheel_filter(config(drive), silent).filter.core.is_single_pass

@@ -32,7 +32,7 @@ from hubodo.fuse.wheel.entries import (
     WHEEL_RADIUS,
     YAW_RATE_FROM_GRAVITY,
 )
-from hubodo.fuse.wheel.filter_core import FilterCore
+from hubodo.fuse.wheel.filter_core import CHECKPOINT_STEPS, FilterCore
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.preintegration import WindowBuilder
 from hubodo.fuse.wheel.records import Pose, StepInput
@@ -131,6 +131,7 @@ class WheelFilter:
         self._next_speed_number: int | None = None  # None if speeds do not arrive live
         self.core = FilterCore(config)
         self.recorded_steps: list[StepInput] | None = None
+        self.checkpoints: list[FilterCore] | None = None
         self._builders = {
             name: WindowBuilder(node.facing, 0.0, node.gyro_limit, node.accel_limit)
             for name, node in config.nodes.items()
@@ -307,6 +308,8 @@ class WheelFilter:
         for _ in range(len(self._due) if max_steps is None else min(max_steps, len(self._due))):
             step = self._due.popleft()
             if self.recorded_steps is not None:
+                if self.checkpoints is not None and len(self.recorded_steps) % CHECKPOINT_STEPS == 0:
+                    self.checkpoints.append(self.core.copy_for_second_pass())
                 self.recorded_steps.append(step)
             poses.append(self.core.step(step, ALIGNMENT_WINDOWS))
         if poses:

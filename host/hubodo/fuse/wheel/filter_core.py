@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -18,7 +19,8 @@ from hubodo.fuse.wheel.measurements import surface_speed
 from hubodo.fuse.wheel.motion_model import HeadingErrorInflation
 from hubodo.fuse.wheel.motion_prediction import detect_wheel_motion, vehicle_motion
 from hubodo.fuse.wheel.motion_state import MotionState
-from hubodo.fuse.wheel.mounting_check import BOTH_WHEELS, MountingCheck
+from hubodo.fuse.wheel.mounting_check import MountingCheck
+from hubodo.fuse.wheel.mounting_monitor import check_mounting
 from hubodo.fuse.wheel.outage_bridge import OutageBridge, OutageEnd
 from hubodo.fuse.wheel.outage_log import OutageLog
 from hubodo.fuse.wheel.outage_model import MotionSigmas, OutageModel, vehicle_motion_sigmas
@@ -37,9 +39,12 @@ from hubodo.fuse.wheel.records import (
 from hubodo.fuse.wheel.slip_monitor import HISTORY_WINDOWS, SlipMonitor
 from hubodo.fuse.wheel.slip_schedule import SlipSchedule
 from hubodo.fuse.wheel.state_vector import ExternalCorrection, StateReset, initial_state
-from hubodo.fuse.wheel.wheel import WheelMode
 from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, WINDOWS_PER_SECOND, Window
 from hubodo.fuse.wheel.window_processor import WindowProcessor
+
+CHECKPOINT_STEPS = 200
+"""Steps of which a smoother has the matrices in memory at once, 10 MB: about the square root of the steps of
+an hour, which costs least."""
 
 _SYMMETRISATION_STEPS = 16
 """Steps between symmetrisations of the covariance; rounding causes an asymmetry of 1e-15 over this number."""
@@ -83,6 +88,7 @@ class FilterCore(WindowProcessor):
         self.steps = self.windows = 0
         self._keeps_prior = smoothing
         self._slip_monitor = SlipMonitor() if slips is None else None
+        self._was_replayed = False
         self.outage_ends = dict(outage_ends or {})
         self._recovery: OutageRecovery | None = None
         self._recovers_outages = slips is None and not config.position_aided and not config.encoder_aided
@@ -97,6 +103,26 @@ class FilterCore(WindowProcessor):
         self._pose_elements = np.array(
             [[row * len(self.x) + column for column in self.pose_columns] for row in self.pose_columns]
         )
+
+    @property
+    def is_single_pass(self) -> bool:
+        """True if a second pass would repeat the steps so far: no slip, and no outage, was in them."""
+        return not self._was_replayed and not self.outages.count and not self.slip_schedule.slipping
+
+    def copy_for_second_pass(self) -> FilterCore:
+        """Return an independent copy that detects no slips and records smoothing terms, without history."""
+        history, monitor = self.history, self._slip_monitor
+        self.history, self._slip_monitor = History(1), None
+        copied = copy.deepcopy(self)
+        self.history, self._slip_monitor = history, monitor
+        copied._keeps_prior, copied._recovers_outages = True, False
+        copied._update.wants_residuals = False
+        return copied
+
+    def replay(self, number: int) -> UpdateResult:
+        """Process the windows from `number` on again, as `WindowProcessor.replay`."""
+        self._was_replayed = True
+        return super().replay(number)
 
     def align(self, windows: Sequence[Sequence[Window]]) -> None:
         """Initialise wheel angles and speed from the first windows; `step` follows with each of them."""
@@ -158,7 +184,7 @@ class FilterCore(WindowProcessor):
         if result.motion_state is MotionState.STANDSTILL:
             self._last_standstill = self.windows
         self._count_windows(windows, result)
-        self._check_mounting(windows, result)
+        check_mounting(self, self.mounting_check, windows, result)
         self.steps += 1
         x, p = (list(self.x), self.p.copy()) if self._keeps_prior else (self.x, self.p)
         self.advance(windows)
@@ -342,45 +368,3 @@ class FilterCore(WindowProcessor):
             self.wheels[result.outlier_wheel].outlier_windows += 1
         for (wheel, window), rate in zip(windows, result.rolling_rates, strict=True):
             wheel.count_window(window, rate, self.x[wheel.columns[WHEEL_ANGLE]])
-
-    def _check_mounting(self, windows: WheelWindows, result: UpdateResult) -> None:
-        """Test whether two undisturbed wheels form the declared axle."""
-        if (
-            len(windows) < 2
-            or not self.mounting_check.is_undecided
-            or any(
-                not wheel.angle_initialised
-                or wheel.is_slipping
-                or window.missing > 0.0
-                or window.spin_clipped + window.across_clipped > 0.0
-                for wheel, window in windows
-            )
-        ):
-            return
-        speeds = [
-            rate * wheel.geometry.radius
-            for rate, wheel in zip(result.rolling_rates, self.wheels, strict=True)
-        ]
-        left, right = (0, 1) if self.wheels[0].geometry.side > 0 else (1, 0)
-        yaw_rates = result.yaw_rates[left], result.yaw_rates[right]
-        distrusted = self.mounting_check.add(yaw_rates, speeds[left], speeds[right])
-        if distrusted is not None:
-            self._apply_verdict(distrusted)
-
-    def _apply_verdict(self, distrusted: float) -> None:
-        """Restrict the wheels by the verdict of the mounting check.
-
-        distrusted: side of the wheel, +1 or -1, or BOTH_WHEELS. Its errors may already be in the position,
-        whose covariance is inflated.
-        """
-        check = self.mounting_check
-        distance = 2.0 * max(abs(distance) for distance in check.wheel_distances)
-        self.inflate({X: distance * distance, Y: distance * distance})
-        for wheel in self.wheels:
-            is_usable = check.usable_side in (0.0, wheel.geometry.side)
-            if not is_usable:
-                wheel.best_mode = WheelMode.DISABLED
-            elif check.sides_swapped:
-                wheel.swap_side()
-            elif not check.other_wheel_steers and distrusted in (BOTH_WHEELS, wheel.geometry.side):
-                wheel.best_mode = WheelMode.DISTRUSTED_SPEED

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dposv
 
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.config import WheelConfig
@@ -87,13 +87,25 @@ def smoother_gain(before: SmoothingTerms, after: SmoothingTerms) -> Array:
     if after.speed_row is not None:
         column, derivatives = after.speed_row
         forward[column] = derivatives @ forward
-    variable = np.flatnonzero(np.diag(after.prior_p) > 0.0)
-    sigma = np.sqrt(np.diag(after.prior_p)[variable])
-    correlation = after.prior_p[np.ix_(variable, variable)] / np.outer(sigma, sigma)
-    correlation[np.diag_indices(len(variable))] += _CORRELATION_REGULARISATION
-    across = (forward @ before.p)[variable] / sigma[:, None]
+    variance, across = after.prior_p.diagonal(), forward @ before.p
+    variable = np.flatnonzero(variance > 0.0)
+    if len(variable) == len(variance):
+        return _correlation_gain(after.prior_p, across)
     gain = np.zeros_like(after.prior_p)
-    gain[:, variable] = (cho_solve(cho_factor(correlation, lower=True), across) / sigma[:, None]).T
+    gain[:, variable] = _correlation_gain(after.prior_p[np.ix_(variable, variable)], across[variable])
+    return gain
+
+
+def _correlation_gain(p: Array, across: Array) -> Array:
+    """Return across' p^-1 (n, m), by the correlations of p (m, m), of which none has variance 0."""
+    sigma = np.sqrt(p.diagonal())
+    correlation = p / (sigma * sigma[:, None])
+    correlation.ravel()[:: len(p) + 1] += _CORRELATION_REGULARISATION
+    # cho_factor and cho_solve take as long for their checks as LAPACK takes for the solution.
+    _, solution, failed_minor = dposv(correlation, across / sigma[:, None], lower=True)
+    if failed_minor:
+        raise np.linalg.LinAlgError(f"covariance before a step: minor {failed_minor} is not positive")
+    gain: Array = (solution / sigma[:, None]).T
     return gain
 
 

@@ -89,7 +89,7 @@ class MeasurementUpdate:
 
     def __init__(self, config: WheelConfig, columns: StateLayout, wants_residuals: bool = True) -> None:
         """Prepare the layout; wants_residuals: compute forward residuals for slip detection."""
-        self._wants_residuals = wants_residuals
+        self.wants_residuals = wants_residuals
         self._rows = MeasurementRows(columns)
         self._noise = WindowNoise(config.noise, config.radius)
         self._measures = [measurement.measure for measurement in self._rows.measurements]
@@ -132,7 +132,7 @@ class MeasurementUpdate:
                 h[self._turning_block[index]] = 0.0
         forward_residuals = [
             self._forward_residual((x, p), (h, z, r), wheel, index)
-            if is_clear[index] and self._wants_residuals
+            if is_clear[index] and self.wants_residuals
             else None
             for index, (wheel, _) in enumerate(windows)
         ]

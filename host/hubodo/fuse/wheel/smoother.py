@@ -1,55 +1,46 @@
 """Smoothing of the whole log: Rauch-Tung-Striebel backward pass over the wheel filter.
 
 x_k|N = x_k|k + G (x_k+1|N - x_k+1|k), G = P_k|k F' P_k+1|k^-1 (Rauch, Tung, Striebel 1965). The filter is
-rerun in blocks from copies of itself, so that only one block of covariances is in memory.
+rerun in blocks from copies of itself, so that only one block of covariances is in memory. The copies come
+from the first pass, or from a second one with the slips and outages that the first has detected.
 """
 
 from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import WHEEL_ANGLE
-from hubodo.fuse.wheel.filter_core import FilterCore
+from hubodo.fuse.wheel.filter_core import CHECKPOINT_STEPS, FilterCore
 from hubodo.fuse.wheel.fixed_lag import smoother_gain
-from hubodo.fuse.wheel.outage_bridge import OutageEnd
 from hubodo.fuse.wheel.records import Pose, SmoothingTerms, StepInput, add_common_scale
-from hubodo.fuse.wheel.slip_schedule import SlipSchedule
-
-_STEPS_IN_MEMORY = 200
-"""Steps per block, 10 MB of matrices: about the square root of the steps of an hour, which costs least."""
 
 
 def smooth_whole_log(
-    config: WheelConfig,
+    first_pass: FilterCore,
+    checkpoints: Sequence[FilterCore],
     steps: Sequence[StepInput],
     alignment_windows: int,
-    slips: SlipSchedule,
-    outage_ends: Mapping[int, OutageEnd],
 ) -> list[Pose]:
     """Return the poses of all steps, each from the whole log.
 
-    alignment_windows: as in the first pass. slips, outage_ends: results of the first pass.
+    first_pass: at the end of the log. checkpoints: its copies before every CHECKPOINT_STEPS-th step; needed
+    only if its pass is the only one. alignment_windows: as in the first pass.
     """
-    core = FilterCore(config, slips, outage_ends, smoothing=True)
-    core.align([step.windows for step in steps if not step.realign])
-    copies = []
-    for index, step in enumerate(steps):
-        if index % _STEPS_IN_MEMORY == 0:
-            copies.append(copy.deepcopy(core))
-        core.step(step, alignment_windows)
+    if not first_pass.is_single_pass or not checkpoints:
+        checkpoints = _run_second_pass(first_pass, steps, alignment_windows)
+    core = checkpoints[0]
     angles = [wheel.columns[WHEEL_ANGLE] for wheel in core.wheels]
     poses: list[Pose] = []
     later: SmoothingTerms | None = None
     x, p = np.array(core.x), core.p
-    for number in reversed(range(len(copies))):
-        block = steps[number * _STEPS_IN_MEMORY : (number + 1) * _STEPS_IN_MEMORY]
-        for pose, terms in reversed(_rerun(copies[number], block, alignment_windows)):
+    for number in reversed(range(len(checkpoints))):
+        block = steps[number * CHECKPOINT_STEPS : (number + 1) * CHECKPOINT_STEPS]
+        for pose, terms in reversed(_rerun(checkpoints[number], block, alignment_windows)):
             if later is None:
                 x, p = np.array(terms.x), terms.p
             else:
@@ -58,6 +49,20 @@ def smooth_whole_log(
             poses.append(add_common_scale(smoothed, core.common_scale_sigma))
             later = terms
     return poses[::-1]
+
+
+def _run_second_pass(
+    first_pass: FilterCore, steps: Sequence[StepInput], alignment_windows: int
+) -> list[FilterCore]:
+    """Run the filter with the slips and outages of the first pass; return a copy for each block."""
+    core = FilterCore(first_pass.config, first_pass.slip_schedule, first_pass.outage_ends, smoothing=True)
+    core.align([step.windows for step in steps if not step.realign])
+    copies = []
+    for index, step in enumerate(steps):
+        if index % CHECKPOINT_STEPS == 0:
+            copies.append(copy.deepcopy(core))
+        core.step(step, alignment_windows)
+    return copies
 
 
 def _rerun(

@@ -109,6 +109,7 @@ def run_wheel_filter(
     wheel_filter = WheelFilter(config, speeds)
     if lag > 0.0:
         wheel_filter.recorded_steps = []
+        wheel_filter.checkpoints = [] if math.isinf(lag) else None
     blocks = {
         name: (nodes[name].t, nodes[name].gyro, nodes[name].accel) for name in config.nodes if name in nodes
     }
@@ -127,7 +128,8 @@ def run_wheel_filter(
     steps = wheel_filter.recorded_steps or []
     first_pass = wheel_filter.core.slip_schedule, wheel_filter.core.outage_ends
     if lag >= len(steps) * WINDOW_S > 0.0:
-        poses = smoother.smooth_whole_log(config, steps, ALIGNMENT_WINDOWS, *first_pass)
+        checkpoints = wheel_filter.checkpoints or []
+        poses = smoother.smooth_whole_log(wheel_filter.core, checkpoints, steps, ALIGNMENT_WINDOWS)
     elif lag > 0.0:
         ahead = math.ceil(lag / WINDOW_S - 1e-9)
         poses = smooth_with_lag(config, steps, ALIGNMENT_WINDOWS, ahead, *first_pass)
