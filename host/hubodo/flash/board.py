@@ -112,8 +112,11 @@ class FlashBoard:
                 raise FlashError(
                     f"{self.port}: no such device; plug it in, `hubodo doctor` lists the ports"
                 ) from None
-            reason = "is busy: stop the program that uses it" if "lock" in str(error) else "cannot be opened"
-            raise FlashError(f"{self.port}: {reason} ({error})") from None
+            if "lock" in str(error):
+                raise FlashError(f"{self.port}: is busy: stop the program that uses it ({error})") from None
+            raise FlashError(
+                f"{self.port}: cannot be opened as a serial port ({error}); `hubodo doctor` lists the ports"
+            ) from None
         with contextlib.suppress(*_LINK_GONE), link:
             link.write(b"\0" + request)
             self._wait_prompt(link)

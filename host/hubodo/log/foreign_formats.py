@@ -55,6 +55,11 @@ _FORMATS = (
         time_units={"timestamp_sample": "us"},
     ),
     ForeignFormat(
+        "PX4 vehicle_imu",
+        frozenset({"timestamp", "timestamp_sample", "delta_angle_dt"}),
+        time_units={"timestamp_sample": "us"},
+    ),
+    ForeignFormat(
         "kalibr",
         frozenset({"timestamp", "omega_x", "alpha_x"}),
         time_units={"timestamp": "ns"},
@@ -71,10 +76,19 @@ _FORMATS = (
         frozenset({"packetcounter", "sampletimefine", "gyr_x"}),
         time_units={"sampletimefine": "100us"},
     ),
+    ForeignFormat(
+        "OpenLog Artemis",
+        frozenset({"rtcdate", "ax", "gx"}),
+        gyro="deg/s",
+        accel="mg",
+        time_units={"time": "s"},
+    ),
     ForeignFormat("Physics Toolbox", frozenset({"time", "gfx", "wx"}), accel="g", time_units={"time": "s"}),
 )
-_ROS_FIELD = re.compile(r".*[./](angular_velocity|linear_acceleration)[./]([xyz])")
+_ROS_FIELD = re.compile(r"(?:.*[./])?(angular_velocity|linear_acceleration)[./]([xyz])")
 """A field of sensor_msgs/Imu, which is in SI units, as PlotJuggler and rostopic name it."""
+_INCREMENTS = {"delta_angle": "gyro (rad/s)", "delta_velocity": "accel (m/s^2)"}
+"""Integrals that PX4 logs as vehicle_imu, with their integration times in µs, and channels of the rates."""
 _AXIS_HEADING = re.compile(r"([xyz])(?:[-_ ]?axis)?")
 
 
@@ -86,6 +100,23 @@ def apply_foreign_format(columns: Sequence[NamedColumn], source: str) -> list[Na
     headings = {column.heading.strip().lower() for column in columns}
     known = next((it for it in _FORMATS if it.headings <= headings), None)
     return [_complete(column, known, source) for column in columns]
+
+
+def rates_of_increments(headings: Sequence[str], values: Array) -> tuple[tuple[str, ...], Array]:
+    """Return headings and values, with increments of angle and velocity divided by their durations."""
+    names, rates = list(headings), values
+    for increment, channel in _INCREMENTS.items():
+        duration = f"{increment}_dt"
+        indices = [f"{increment}[{axis}]" for axis in range(3)]
+        if not {duration, *indices} <= set(headings):
+            continue
+        rates = rates.copy()
+        for axis, heading in zip(_PLAIN_AXES, indices, strict=True):
+            column = headings.index(heading)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                rates[:, column] /= 1e-6 * values[:, headings.index(duration)]
+            names[column] = channel.replace(" ", f"_{axis} ")
+    return tuple(names), rates
 
 
 def instance_rows(headings: Sequence[str], values: Array) -> dict[int, NDArray[np.intp]]:

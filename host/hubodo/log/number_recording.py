@@ -18,7 +18,7 @@ from hubodo.log.column_names import (
     parse_heading,
     time_factor,
 )
-from hubodo.log.foreign_formats import apply_foreign_format, instance_rows
+from hubodo.log.foreign_formats import apply_foreign_format, instance_rows, rates_of_increments
 from hubodo.log.number_file import FileKind, NumberTable, format_names, read_numbers
 from hubodo.log.parquet_table import read_numeric_columns
 from hubodo.log.roles import SELECT_BY_TYPE, TopicSelection
@@ -27,6 +27,7 @@ from hubodo.recording import NODE_COLUMNS, NODE_OPTIONAL_COLUMNS, Recording, Tab
 from hubodo.units import NS_PER_S
 
 IMU_CHANNELS = NODE_COLUMNS[1:]
+_MAX_ROW_SHIFT_S = 10.0  # a clock that goes back by more was reset
 _TIME_COLUMNS = ("t", *(f"t_{unit}" for unit in ("ms", "us", "ns")), "time", "timestamp")
 _KNOWN_COLUMNS = (*_TIME_COLUMNS, *IMU_CHANNELS, *NODE_OPTIONAL_COLUMNS)
 
@@ -104,8 +105,12 @@ def recording_from_numbers(
         }
         nodes = {name: part.nodes[node] for name, part in parts.items()}
         return Recording(nodes, warnings=next(iter(parts.values())).warnings)
+    if not input_format.columns:
+        names, values = rates_of_increments(numbers.names, numbers.values)
+        numbers = replace(numbers, names=names, values=values)
     columns = _assign_columns(source, numbers, input_format)
-    is_si = is_si and not input_format.columns
+    stated = zip(input_format.columns, numbers.names, strict=False)
+    is_si = is_si and all(name in ("-", heading) for name, heading in stated)
     t, t_zero_ns = _read_times(source, numbers, columns, input_format)
     table: dict[str, Array] = {"t": t}
     factors = _channel_factors(source, numbers, columns, input_format, is_si)
@@ -216,7 +221,10 @@ def _read_times(
         return np.arange(len(numbers.values)) / input_format.rate, 0
     column, values = columns[index], numbers.values[:, index]
     if input_format.rate is not None:
-        raise InputError(f"{source}: has times in column {column.heading or 't'}; omit --rate")
+        raise InputError(
+            f"{source}: has times in column {column.heading or 't'}; omit --rate, or the times, with "
+            + _columns_without_time(columns)
+        )
     if not np.isfinite(values).all():
         raise InputError(
             f"{source}: row {int(np.argmin(np.isfinite(values))) + 1} of its numbers has no finite time"
@@ -230,12 +238,32 @@ def _read_times(
     if column.heading != "t" and len(values) and is_epoch(float(values[0]) * factor):
         t_zero = int(float(values[0]) * factor)
     t = (values - t_zero / factor) * factor
-    non_increasing = np.flatnonzero(np.diff(t) <= 0.0)
-    if len(non_increasing):
-        raise InputError(
-            f"{source}: time does not increase at row {int(non_increasing[0]) + 2} of its numbers; remove it"
-        )
+    if fault := _describe_order(t):
+        raise InputError(f"{source}: {fault.format(_columns_without_time(columns))}")
     return t, t_zero * NS_PER_S
+
+
+def _describe_order(t: Array) -> str:
+    """Return where times do not increase and what to do, with {} for the columns without time, else ""."""
+    steps = np.diff(t)
+    rows = np.flatnonzero(steps <= 0.0)
+    if not len(rows):
+        return ""
+    where = f"row {int(rows[0]) + 2} of its numbers"
+    if len(rows) == 1 and -steps[rows[0]] <= _MAX_ROW_SHIFT_S:
+        return f"time does not increase at {where}; remove it"
+    if (steps[rows] == 0.0).all():
+        return (
+            f"time does not increase at {where} and {len(rows) - 1} others: stamps are repeated; "
+            "if the rate is constant, give it and omit the times, with {} --rate HZ"
+        )
+    others = f" and {len(rows) - 1} others" if len(rows) > 1 else ""
+    return f"time goes back at {where}{others}; split the file there, or remove such rows"
+
+
+def _columns_without_time(columns: Sequence[NamedColumn]) -> str:
+    """Return the option that omits the times and all columns that are not used."""
+    return "--columns " + ",".join("-" if column.name in ("", "t") else column.name for column in columns)
 
 
 def _channel_factors(

@@ -1,7 +1,7 @@
 """Read numbers in rows of text, gzipped or not, within the memory limit.
 
-Decimal commas, dates in ISO 8601, a row of units below the header, lines of text above it and a header that
-is marked as a comment are recognised by the first rows.
+Decimal commas, dates and times of day, quotation marks, a row of units below the header, lines of text above
+it and a header that is marked as a comment are recognised by the first rows.
 """
 
 from __future__ import annotations
@@ -12,10 +12,9 @@ import io
 import itertools
 import re
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import cast
 
@@ -23,13 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.errors import InputError
+from hubodo.log.clock_text import ClockFormat, clock_format, join_dates_and_times
 from hubodo.log.column_names import is_unit, parse_heading
 from hubodo.log.input_limits import READ_BLOCK_BYTES, MemoryBudget, open_regular
 
 _GZIP_MAGIC = b"\x1f\x8b"
 _DELIMITERS = (";", "\t", ",")
 """A comma may be a decimal comma where a row has another delimiter."""
-_EPOCH, _MICROSECOND = datetime(1970, 1, 1, tzinfo=UTC), timedelta(microseconds=1)
 _COMMENT_MARKS = "#%"
 _COMMENT_STARTS = (*_COMMENT_MARKS, "//")
 _MAX_PREAMBLE_ROWS = 40  # rows of text above a header, its units and the first numbers
@@ -46,7 +45,7 @@ class _TextFormat:
 
     delimiter: None for white space. names: names of the columns, or empty. first_row: number of the first row
     of data.
-    decimal_comma: True for numbers such as 0,5. dates: indices of columns with dates in ISO 8601.
+    decimal_comma: True for numbers such as 0,5. clocks: formats of the columns with dates or times of day.
     texts: indices of columns with words, such as the name of a frame, which become NaN.
     """
 
@@ -55,15 +54,15 @@ class _TextFormat:
     names: tuple[str, ...]
     first_row: int
     decimal_comma: bool = False
-    dates: tuple[int, ...] = ()
+    clocks: Mapping[int, ClockFormat] = field(default_factory=dict)
     texts: tuple[int, ...] = ()
 
     def cells(self, row: str) -> list[str]:
-        """Return the cells of a row with decimal points, and dates as seconds since 1970 in UTC."""
-        cells = [cell.strip().strip('"') for cell in row.split(self.delimiter)]
-        for column in self.dates:
+        """Return the cells of a row with decimal points, and dates and times of day in seconds."""
+        cells = _split(row, self.delimiter)
+        for column, clock in self.clocks.items():
             if column < len(cells):
-                cells[column] = _seconds_of_date(cells[column])
+                cells[column] = clock.seconds(cells[column])
         for column in self.texts:
             if column < len(cells):
                 cells[column] = "nan"
@@ -73,7 +72,8 @@ class _TextFormat:
 def read_text_table(path: Path) -> tuple[NDArray[np.float64], tuple[str, ...]]:
     """Read rows of numbers; return (N, C) values and the column names, () without a header.
 
-    A row of units is added to the names, as in `gx (deg/s)`. Dates become seconds since 1970.
+    A row of units is added to the names, as in `gx (deg/s)`. Dates become seconds since 1970, times of day
+    without a date seconds since midnight of the first day.
 
     Raises InputError for a file without numbers, a malformed row, text that is not UTF-8 or a table beyond
     the memory limit; OSError.
@@ -83,17 +83,27 @@ def read_text_table(path: Path) -> tuple[NDArray[np.float64], tuple[str, ...]]:
         _claim_table(path, text_format.width)
         rows = (text for _, text in _iterate_rows(path, text_format.first_row))
         delimiter = text_format.delimiter
-        if text_format.decimal_comma or text_format.dates or text_format.texts:
+        if text_format.decimal_comma or text_format.clocks or text_format.texts:
             rows, delimiter = (" ".join(text_format.cells(text)) for text in rows), None
         try:
-            values = np.loadtxt(rows, delimiter=delimiter, ndmin=2, comments=None)
+            values = np.loadtxt(rows, delimiter=delimiter, ndmin=2, comments=None, quotechar='"')
         except ValueError:
             raise InputError(_describe_fault(path, text_format)) from None
         if values.shape[1] != text_format.width:  # all rows differ from the header in the same way
             raise InputError(_describe_fault(path, text_format))
     except (EOFError, zlib.error) as error:
         raise InputError(f"{path}: cannot be unpacked ({error}); compress it again") from None
-    return values, text_format.names
+    join_dates_and_times(values, text_format.clocks)
+    return values, _name_clock(text_format)
+
+
+def _name_clock(text_format: _TextFormat) -> tuple[str, ...]:
+    """Return the names; if none of them is that of a time, the first column with times of day is `time`."""
+    names = list(text_format.names)
+    clock = next((column for column, its in text_format.clocks.items() if its.has_time), None)
+    if names and clock is not None and all(parse_heading(name).name != "t" for name in names):
+        names[clock] = "time"
+    return tuple(names)
 
 
 def _claim_table(path: Path, width: int) -> None:
@@ -169,42 +179,28 @@ def _recognise(
     cells: list[str], delimiter: str | None, number: int, names: tuple[str, ...]
 ) -> _TextFormat | None:
     """Return the format by the cells of the first row of data; None if they are neither numbers nor dates."""
-    dates = tuple(column for column, cell in enumerate(cells) if not _is_number(cell) and _is_date(cell))
+    clocks = {
+        column: its
+        for column, cell in enumerate(cells)
+        if not _is_number(cell) and (its := clock_format(cell)) is not None
+    }
     texts = tuple(
         column
         for column, (cell, name) in enumerate(zip(cells, names, strict=False))
-        if column not in dates and _is_word(cell) and not parse_heading(name).name
+        if column not in clocks and _is_word(cell) and not parse_heading(name).name
     )
-    others = [cell for column, cell in enumerate(cells) if column not in (*dates, *texts)]
+    others = [cell for column, cell in enumerate(cells) if column not in (*clocks, *texts)]
     decimal_comma = delimiter != "," and not all(_is_number(cell) for cell in others)
     if decimal_comma and not all(_is_number(cell.replace(",", ".", 1)) for cell in others):
         return None
     if len(texts) == len(cells) or not (decimal_comma or all(_is_number(cell) for cell in others)):
         return None
-    return _TextFormat(delimiter, len(names) or len(cells), names, number, decimal_comma, dates, texts)
+    return _TextFormat(delimiter, len(names) or len(cells), names, number, decimal_comma, clocks, texts)
 
 
 def _is_word(cell: str) -> bool:
     """Return True for text such as a name or a date in words, not for a number with a decimal comma."""
     return not _is_number(cell) and not _is_number(cell.replace(",", ".", 1))
-
-
-def _is_date(cell: str) -> bool:
-    try:
-        datetime.fromisoformat(cell)
-    except ValueError:
-        return False
-    return not cell.isdigit()
-
-
-def _seconds_of_date(cell: str) -> str:
-    """Return an ISO date as seconds since 1970; a date without a zone is in UTC. Other text is unchanged."""
-    try:
-        date = datetime.fromisoformat(cell)
-    except ValueError:
-        return cell
-    elapsed = (date if date.tzinfo else date.replace(tzinfo=UTC)) - _EPOCH
-    return f"{elapsed // _MICROSECOND}e-6"
 
 
 def _iterate_rows(path: Path, first: int = 1) -> Iterator[NumberedRow]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import shutil
+import sqlite3
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -33,6 +35,8 @@ def write_rosbag2(log: Log, folder: Path, *, progress: Progress | None = None) -
         with Writer(temporary / folder.name, version=8, storage_plugin=StoragePlugin.SQLITE3) as bag:
             counts = _copy_messages(log, bag, progress)
         (temporary / folder.name).rename(folder)
+    except sqlite3.Error as error:  # by no message, only by the disk
+        raise OSError(errno.EIO, str(error), str(folder)) from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
     return counts

@@ -23,7 +23,7 @@ from hubodo.log.any_log import read_log
 from hubodo.log.pose_table import read_pose_table
 from hubodo.pages.page import render_page
 from hubodo.progress import progress_line
-from hubodo.recording import Recording, Table
+from hubodo.recording import Table
 from hubodo.sensors.imu.node_imu import ImuOptions, calibrate_node_imu
 from hubodo.sensors.imu.page import imu_sections, imu_verdict
 from hubodo.sensors.imu.pose_means import calibrate_pose_means
@@ -31,6 +31,7 @@ from hubodo.sensors.imu.result import ImuCalibration
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, channel_numbers, stated_input_format
 from hubodo.verbs.numbers import latitude, positive_number
 from hubodo.verbs.outputs import add_force_option, html_path
+from hubodo.verbs.standstill import choose_node
 
 HELP = "bias, scale and cross-axis terms of accelerometer and gyro, from nine or more static poses"
 EXAMPLE = "hubodo calibrate imu poses.mcap --node left --gravity 9.81744 -o calibration.toml"
@@ -40,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `hubodo calibrate imu`."""
     parser.add_argument("log", type=Path, metavar="LOG", help=LOG_HELP)
     add_log_options(parser)
-    parser.add_argument("--node", required=True, help="name of the node")
+    parser.add_argument("--node", help="name of the node (default: the only one)")
     parser.add_argument(
         "--gravity", type=positive_number, default=9.80665, help="local gravity, m/s² (default 9.80665)"
     )
@@ -116,13 +117,16 @@ def run(args: argparse.Namespace) -> ImuCalibration:
         )
         recording = read_log(args.log, input_format=form, progress=show)
         show("detecting static poses and turns", 0.5)
-        table = node_table(recording, args.node, str(args.log))
-        calibration = calibrate_node_imu(table, args.node, str(args.log), imu_options(args))
+        node = choose_node(recording, args.node, args.log)
+        table = recording.nodes[node]
+        calibration = calibrate_node_imu(table, node, str(args.log), imu_options(args))
     return _write(args, calibration, before, recording.metadata, table)
 
 
 def _calibrate_means(args: argparse.Namespace) -> ImuCalibration:
     """Return the calibration from a table of pose means."""
+    if args.node is None:
+        raise InputError("--means needs --node, the name under which the calibration is stored")
     if args.table_rate_deg_s is not None:
         raise InputError(
             "--table-rate-deg-s needs a record; with --means give the rates in columns such as ref_gz"
@@ -144,10 +148,10 @@ def _write(
     """Add the calibration to its file, write the page, and return the result with the path of the file."""
     result = replace(calibration, output=str(args.output))
     effects = calibrated_effects(result, table, hash_source(args.log))
-    serial = find_node_serial(metadata, args.node)
-    write_calibration(before.with_node(args.node, effects, serial), args.output)
+    serial = find_node_serial(metadata, result.node)
+    write_calibration(before.with_node(result.node, effects, serial), args.output)
     if args.report is not None:
-        page = render_page(f"Calibration of {args.node}", imu_verdict(result), imu_sections(result))
+        page = render_page(f"Calibration of {result.node}", imu_verdict(result), imu_sections(result))
         write_atomically(args.report, page)
     return result
 
@@ -168,10 +172,3 @@ def calibrated_effects(
         name: CalibratedEffect(parameters, methods[name.partition("_")[0]], source_sha256, date, span)
         for name, parameters in result.effect_parameters().items()
     }
-
-
-def node_table(recording: Recording, node: str, log: str) -> Table:
-    """Return the table of a node; raise InputError with the existing names if there is no such node."""
-    if node not in recording.nodes:
-        raise InputError(f"{log}: holds no node {node!r}; it has {', '.join(recording.nodes) or 'none'}")
-    return recording.nodes[node]

@@ -39,6 +39,8 @@ _SYNONYMS: dict[str, tuple[str, ...]] = {
 """Option that people try: the options that do it in the verbs, with how its value is written there."""
 
 
+_LOG_OPTIONS = ("--still", "--warmup", "--poses")
+"""Options of a verb whose logs have different purposes."""
 _VERB_SYNONYMS = {
     "convert": (("import", "export"),),
     "plot": (("report",),),
@@ -182,7 +184,9 @@ def _describe_unknown(
 
 
 def _suggest_order(known: Sequence[str], parsed: argparse.Namespace, extra: str) -> str:
-    """Return the command line to write where a vehicle file stands in the place of the log."""
+    """Return the command line to write where a vehicle file or an option stands in the place of the log."""
+    if purposes := [option for option in known if option in _LOG_OPTIONS]:
+        return f", write {' or '.join(f'{option} {extra}' for option in purposes)}"
     log = str(getattr(parsed, "log", getattr(parsed, "source", "")))
     if "--vehicle" in known and log.endswith(".toml") and getattr(parsed, "vehicle", None) is None:
         return f": {log} is no log, write {extra} --vehicle {log}"

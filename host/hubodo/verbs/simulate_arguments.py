@@ -16,6 +16,7 @@ from hubowire.messages import NODE_IDS
 DRIVES = (*experiments.DRIVES, "reference", "gnss")
 _MIN_DURATION_S, _MAX_DURATION_S = 5.0, 36000.0
 _RATE_BOUNDS_HZ = (1.0, 10000.0)
+_FILE_SUFFIXES = (".csv", ".txt", ".bag", ".db3")
 _VIRTUAL_NODE_RATES_HZ = (52, 104, 208, 416)
 
 
@@ -136,6 +137,11 @@ def check_arguments(args: argparse.Namespace, model: Model) -> None:
     """Raise InputError for options that contradict each other, before anything is computed."""
     if not args.output.absolute().parent.is_dir():
         raise InputError(f"{args.output}: its folder does not exist; create it first")
+    if args.output.suffix.lower() in _FILE_SUFFIXES:
+        raise InputError(
+            f"-o {args.output}: a folder of CSV files is written, one for each node; name a folder, or a log "
+            "that ends in .mcap"
+        )
     if args.temperature and len(args.temperature) > 2:
         raise InputError("--temperature: give one number, or the first and the last, in °C")
     if args.settle is not None and (not args.temperature or len(args.temperature) < 2):

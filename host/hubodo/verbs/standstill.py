@@ -79,9 +79,14 @@ def read_node(log: Path, name: str | None, form: InputFormat = _DEFAULT_FORM) ->
     with progress_line() as show:
         recording = read_log(log, input_format=form, progress=show)
     check_nodes(recording, log)
+    return recording, choose_node(recording, name, log)
+
+
+def choose_node(recording: Recording, name: str | None, log: Path) -> str:
+    """Return the named or only node of a log; raise InputError if there is no such node."""
     nodes = tuple(recording.nodes)
     node = name or (nodes[0] if len(nodes) == 1 else None)
     if node is None or node not in recording.nodes:
         problem = f"holds no node {node!r}" if node else "holds several nodes"
-        raise InputError(f"{log}: {problem}; give --node with one of: {', '.join(nodes)}")
-    return recording, node
+        raise InputError(f"{log}: {problem}; give --node with one of: {', '.join(nodes) or 'none'}")
+    return node

@@ -40,6 +40,11 @@ EUROC = "#timestamp [ns]," + ",".join(
 PX4 = "timestamp,gyro_rad[0],gyro_rad[1],gyro_rad[2],gyro_integral_dt," + ",".join(
     f"accelerometer_m_s2[{k}]" for k in range(3)
 )
+INCREMENTS = "timestamp,timestamp_sample,{},delta_angle_dt,delta_velocity_dt".format(
+    ",".join(f"{name}[{k}]" for name in ("delta_angle", "delta_velocity") for k in range(3))
+)
+DT_US = np.array([9_800.0, 10_000.0, 10_200.0, 2_500.0])
+ARTEMIS = "rtcDate,rtcTime,aX,aY,aZ,gX,gY,gZ,imu_degC"
 XSENS = "PacketCounter\tSampleTimeFine\tAcc_X\tAcc_Y\tAcc_Z\tGyr_X\tGyr_Y\tGyr_Z"
 DOT = "PacketCounter,SampleTimeFine,Euler_X,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z"
 UNITS_IN_NAMES = "Time_ms,AccX_g,AccY_g,AccZ_g,GyroX_dps,GyroY_dps,GyroZ_dps"
@@ -50,11 +55,22 @@ COUNT = np.arange(4)
     ("header", "columns", "options"),
     [
         (PX4, (US, RATES, COUNT, FORCE), {}),
+        (
+            INCREMENTS,
+            (US + 300, US, RATES * 1e-6 * DT_US[:, None], FORCE * 2e-6 * DT_US[:, None], DT_US, 2 * DT_US),
+            {},
+        ),
+        (
+            ARTEMIS,
+            (["03/14/2026"] * 4, [f"12:00:00.0{k}" for k in COUNT], FORCE / 9.80665e-3, RATES / DEG, COUNT),
+            {},
+        ),
         ("timestamp,TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ", (T + 1e9, US, 0 * COUNT, RATES, FORCE), {}),
         ("timestamp,omega_x,omega_y,omega_z,alpha_x,alpha_y,alpha_z", (NS, RATES, FORCE), {}),
         (EUROC, (NS, RATES, FORCE), {}),
         (ROS, (NS, ["imu link"] * 4, RATES, FORCE), {}),
         ("__time,/i/angular_velocity/x,/i/angular_velocity/y,/i/angular_velocity/z", (T, RATES), {}),
+        ("Time," + ROS.partition("id,")[2].replace("field.", ""), (T + 1e9, RATES, FORCE), {}),
         (XSENS, (COUNT, 1e4 * T + 77, FORCE, RATES), {"delimiter": "\t", "before": "// MT Manager 4.6\n"}),
         (DOT, (COUNT, US, COUNT, FORCE, RATES / DEG), {"before": "sep=,\nDeviceTag:,DOT\nRate:,100Hz\n\n"}),
         ("time,gFx,gFy,gFz,wx,wy,wz", (T, FORCE / 9.80665, RATES), {}),

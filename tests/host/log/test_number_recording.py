@@ -192,3 +192,29 @@ def test_an_import_of_one_gyro_is_a_log_for_allan_and_refused_by_fuse(tmp_path, 
     )
     assert main(["fuse", log, "--vehicle", str(tmp_path / "v.toml"), "-o", str(tmp_path / "out")]) == 2
     assert "node gyro has no gx, gy, ax, ay, az; the wheel filter needs all six" in capsys.readouterr().err
+
+
+def test_stamps_that_do_not_increase_are_answered_by_what_to_do(tmp_path):
+    """Repeated stamps can be replaced by the rate, with the same units; a clock that was reset cannot."""
+    t = np.arange(8) * 0.25
+    rows = np.column_stack([np.floor(t), *np.full((3, 8), 0.5)])
+    text = "t,gx,gy,gz\n" + "\n".join(",".join(map(str, row)) for row in rows)
+    repeated = write_text(tmp_path / "a.csv", text)
+    with pytest.raises(InputError, match=r"row 2 of its numbers and 5 others.*columns -,gx,gy,gz --rate HZ"):
+        read_log(repeated)
+    form = InputFormat(columns=("-", "gx", "gy", "gz"), rate=4.0)
+    table = read_log(repeated, input_format=form).nodes["a"]
+    assert table.t == pytest.approx(t) and table["gx"] == pytest.approx(np.full(8, 0.5)), (
+        "rad/s, by the header"
+    )
+    with pytest.raises(InputError, match="omit --rate, or the times, with --columns -,gx,gy,gz"):
+        read_log(repeated, input_format=InputFormat(rate=4.0))
+    rows[:, 0] = [0, 20, 40, 60, 0, 20, 40, 60]
+    reset = "t,gx,gy,gz\n" + "\n".join(",".join(map(str, row)) for row in rows)
+    with pytest.raises(InputError, match="goes back at row 5 of its numbers; split the file there"):
+        read_log(write_text(tmp_path / "b.csv", reset))
+
+
+def test_numbers_in_quotation_marks_are_read(tmp_path):
+    path = write_text(tmp_path / "a.csv", '"t","gx","gy","gz"\n"0","1","2","3"\n"0.5","4","5","6"\n')
+    assert read_log(path).nodes["a"].gyro.tolist() == [[1, 2, 3], [4, 5, 6]]

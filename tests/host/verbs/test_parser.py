@@ -50,6 +50,8 @@ def test_an_invalid_command_line_is_one_line_with_a_hint_and_exit_code_2(
         ("fuse drive.mcap vehicle.toml -o out", "'vehicle.toml', write --vehicle vehicle.toml"),
         ("fuse -v vehicle.toml drive.mcap -o out", "write --vehicle TOML"),
         ("allan night.csv -r 100", "write --rate 100"),
+        ("sheet night.mcap -o sheet", "'night.mcap', write --still night.mcap or --warmup night.mcap"),
+        ("play drive.mcap --web", "unknown option --web; see"),
         ("import left.csv right.csv -o a.mcap", "`hubodo import FOLDER` joins one drive"),
         ("report drive.mcap -o report.pdf", "report.pdf: a page is HTML; name a file that ends in .html"),
         (
