@@ -50,7 +50,7 @@ class SimulatedNode:
     ----------
     motion
         True rates and specific forces of the node.
-    scatter
+    disturbance
         Noise and time-varying errors of its sensor.
     odr_error
         Relative error of the sensor's output data rate.
@@ -59,7 +59,7 @@ class SimulatedNode:
     """
 
     motion: NodeMotion
-    scatter: SensorDisturbance
+    disturbance: SensorDisturbance
     odr_error: float = 0.0
     clock_ppm: float = 0.0
 
@@ -208,7 +208,9 @@ def _make_node(
     return VirtualNode(
         simulated_node.motion,
         flash,
-        sensors=SensorBoard(specimen=Specimen(simulated_node.odr_error, disturbance=simulated_node.scatter)),
+        sensors=SensorBoard(
+            specimen=Specimen(simulated_node.odr_error, disturbance=simulated_node.disturbance)
+        ),
         board=board,
         clock=Clock("lockstep", ppm=simulated_node.clock_ppm),
         host=Host(path=port),

@@ -36,7 +36,7 @@ def record_virtual_nodes(
     interpreter: as `choose_interpreter` names it. Returns the recording and statistics of each node.
     """
     vehicle = model.vehicle
-    riders = {}
+    simulated_nodes = {}
     for name, mount in vehicle.nodes.items():
         effects = experiments.node_effects(model, name, experiment)
         start = experiments.initial_state(model, name, experiment, seed)
@@ -50,11 +50,11 @@ def record_virtual_nodes(
             DRIVE_START_S,
             seed * 8 + NODE_IDS[name],
         )
-        riders[name] = SimulatedNode(motion, SensorDisturbance(model.noise, effects))
+        simulated_nodes[name] = SimulatedNode(motion, SensorDisturbance(model.noise, effects))
     plain = dataclasses.replace(model, effects=())
     with tempfile.TemporaryDirectory(prefix="hubodo-simulate-") as folder:
         result = record_drive(
-            riders,
+            simulated_nodes,
             model_toml(plain),
             Path(folder),
             interpreter,

@@ -65,7 +65,8 @@ class Reception:
 def listen(port: str, baud: int, seconds: float, *, briefly: bool = False) -> Reception:
     """Listen to a port, request identification and clock of a node, and wake a silent port.
 
-    briefly: only until a node is received. Raises LinkError if the port is missing, busy or not permitted.
+    briefly: True to stop listening as soon as a node is received. Raises LinkError if the port is missing,
+    busy or not permitted.
     """
     reception = Reception()
     link = open_serial(port, baud)

@@ -9,11 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from mcap.records import Channel, Schema
-
 from hubodo.errors import InputError
 from hubodo.log.disk_space import BYTES_PER_MB, DiskSpace, RotationRules, describe_error
 from hubodo.log.disk_sync import SYNC_PERIOD_NS, Syncer, sync_folder
+from hubodo.log.log_definitions import LogDefinitions
 from hubodo.log.log_names import LogNames
 from hubodo.log.mcap_file import Compression, McapFile, MessageIndexes, describe_loss
 from hubodo.log.pending_chunks import PendingChunk, PendingChunks, count_messages
@@ -59,11 +58,7 @@ class LogSeries:
         self._file: McapFile | None = None
         self._unfinished: McapFile | None = None
         self._finished_size = self._last_size = 0
-        self._schemas: dict[int, Schema] = {}
-        self._channels: dict[int, Channel] = {}
-        self._written_definitions: set[int] = set()
-        self._metadata: dict[str, dict[str, str]] = {}
-        self._attachments: dict[str, tuple[str, bytes, int]] = {}
+        self._definitions = LogDefinitions()
         self._pending = PendingChunks()
         self._opened_ns = self._synced_size = self._sync_start_ns = 0
         self._next_check_ns = self._next_sync_ns = self._next_budget_ns = 0
@@ -113,30 +108,20 @@ class LogSeries:
 
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
         """Register a schema, written to each log on first use, and return its id."""
-        schema = Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data)
-        self._schemas[schema.id] = schema
-        return schema.id
+        return self._definitions.add_schema(name, encoding, data)
 
     def add_channel(self, topic: str, encoding: str, schema_id: int, metadata: Mapping[str, str]) -> int:
         """Register a channel, written to each log before its first message, and return its id."""
-        number = len(self._channels) + 1
-        self._channels[number] = Channel(
-            id=number,
-            topic=topic,
-            message_encoding=encoding,
-            schema_id=schema_id,
-            metadata=dict(metadata),
-        )
-        return number
+        return self._definitions.add_channel(topic, encoding, schema_id, metadata)
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a metadata record, now and at the start of each later log (the newest of each name)."""
-        self._metadata[name] = dict(values)
+        self._definitions.add_metadata(name, values)
         self._write(lambda file: file.add_metadata(name, values))
 
     def add_attachment(self, name: str, media_type: str, data: bytes, time_ns: int) -> None:
         """Attach a file, now and to each later log."""
-        self._attachments[name] = (media_type, data, time_ns)
+        self._definitions.add_attachment(name, media_type, data, time_ns)
         self._write(lambda file: file.add_attachment(name, media_type, data, time_ns))
 
     def add_chunk(self, records: bytes, indexes: MessageIndexes, compression: Compression) -> None:
@@ -232,16 +217,12 @@ class LogSeries:
         now_ns = self._now_ns()
         file = McapFile(self._names.next_path(now_ns))
         try:
-            for name, values in self._metadata.items():
-                file.add_metadata(name, values)
-            for name, (media_type, data, time_ns) in self._attachments.items():
-                file.add_attachment(name, media_type, data, time_ns)
+            self._definitions.begin_log(file)
         except OSError:
             file.close()
             file.path.unlink(missing_ok=True)
             raise
         self._file, self._opened_ns, self._synced_size = file, now_ns, 0
-        self._written_definitions.clear()
         self.paths.append(file.path)
         sync_folder(self._names.folder)
 
@@ -331,13 +312,7 @@ class LogSeries:
     def _write_oldest_pending(self, file: McapFile) -> None:
         """Write the oldest pending chunk, preceded by the definitions of its channels."""
         chunk = self._pending[0]
-        for number in sorted(chunk.indexes.keys() - self._written_definitions):
-            channel = self._channels[number]
-            if channel.schema_id and -channel.schema_id not in self._written_definitions:
-                file.copy_schema(self._schemas[channel.schema_id])
-                self._written_definitions.add(-channel.schema_id)
-            file.copy_channel(channel)
-            self._written_definitions.add(number)
+        self._definitions.write_channels(file, chunk.indexes)
         file.add_chunk(chunk.records, chunk.indexes, chunk.compression)
 
     def _check_file(self, file: McapFile) -> None:

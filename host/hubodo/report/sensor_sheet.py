@@ -119,7 +119,7 @@ class SensorSheet:
         if it is None:
             return []
         text = imu_verdict(it)
-        # Without the meanings, which make each row two lines high.
+        # The meanings are left out, because they would make each row two lines high.
         rows = [row[:-1] for row in parameter_rows(it)]
         table = PageTable(PARAMETER_HEADINGS[:-1], rows)
         return [Section("Calibration", text, [table], starts_page=not self.warmups)]

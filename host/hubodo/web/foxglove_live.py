@@ -139,7 +139,7 @@ class FoxgloveLive:
             self._log.close()
 
     def attach(self, log: LogWriter, series: LogSeries, bulkheads: Bulkheads) -> Mapping[str, RecordListener]:
-        """Return the listener of the log; see `Audience`."""
+        """Return the listener that receives the messages written to the log."""
         self._thread = OutputThread("foxglove", lambda: self._handle, bulkheads, capacity=_MAX_BACKLOG)
         return {"foxglove": self.queue_write}
 

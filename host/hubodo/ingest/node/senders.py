@@ -19,7 +19,7 @@ _MAX_HELD_FRAMES = 2048  # frames of unidentified senders, about 1 MB
 _IDENTIFY_INTERVAL_NS = 500_000_000
 _HELLO_HEADER_BYTES = 7
 _SERIAL_BYTES = slice(7, 15)
-HeldFrame = tuple[Frame, int, LinkCounts]
+PendingFrame = tuple[Frame, int, LinkCounts]
 Sender = tuple[str, int]
 """An address and a node id."""
 
@@ -39,7 +39,7 @@ class Route(NamedTuple):
 
     node_id: int
     board: int | None = None
-    frames: Sequence[HeldFrame] = ()
+    frames: Sequence[PendingFrame] = ()
     should_identify: bool = False
 
 
@@ -48,7 +48,7 @@ class _UnidentifiedSender:
     """A sender whose Hello was not received yet, with its held frames."""
 
     next_request_ns: int = 0
-    frames: list[HeldFrame] = field(default_factory=list)
+    frames: list[PendingFrame] = field(default_factory=list)
 
 
 def read_serial(frame: Frame) -> bytes | None:
@@ -88,7 +88,7 @@ class SenderTable:
         """Return True if this address belongs to an identified board."""
         return (sender, node_id) in self._identified
 
-    def route(self, held: HeldFrame, sender: str) -> Route:
+    def route(self, held: PendingFrame, sender: str) -> Route:
         """Return the board of a frame, with the held frames that precede it."""
         frame, t_ns, _ = held
         key = (sender, frame.node)
@@ -116,7 +116,7 @@ class SenderTable:
             self._boards[node_id, serial] = board
         return board
 
-    def _hold(self, key: Sender, held: HeldFrame, t_ns: int) -> bool:
+    def _hold(self, key: Sender, held: PendingFrame, t_ns: int) -> bool:
         """Hold a frame until its sender's Hello; return True if the Hello is to be requested now."""
         sender = self._unidentified.setdefault(key, _UnidentifiedSender())
         self._unidentified.move_to_end(key)
@@ -135,7 +135,7 @@ class SenderTable:
         sender.next_request_ns = t_ns + _IDENTIFY_INTERVAL_NS
         return True
 
-    def _release(self, key: Sender) -> list[HeldFrame]:
+    def _release(self, key: Sender) -> list[PendingFrame]:
         sender = self._unidentified.pop(key, None)
         if sender is None:
             return []
