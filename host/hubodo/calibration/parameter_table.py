@@ -32,9 +32,9 @@ def format_with_sigma(value: float, sigma: float) -> str:
     exponent = math.floor(math.log10(max(abs(value), sigma)))
     digits = 1 - math.floor(math.log10(sigma))
     if -4 <= exponent < 6:
-        return f"{value:+.{max(digits, 0)}f} ± {sigma:.{max(digits, 0)}f}"
+        return f"{value:+z.{max(digits, 0)}f} ± {sigma:.{max(digits, 0)}f}"
     scale, digits = 10.0**exponent, max(digits + exponent, 0)
-    return f"({value / scale:+.{digits}f} ± {sigma / scale:.{digits}f})e{exponent}"
+    return f"({value / scale:+z.{digits}f} ± {sigma / scale:.{digits}f})e{exponent}"
 
 
 def parameter_rows(effects: EffectParameters) -> Iterator[tuple[str, ...]]:

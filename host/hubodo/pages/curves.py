@@ -88,8 +88,10 @@ def plot_curves(
         scale.set_ylabel(label)
     axes.set_xlabel(x_label)
     axes.grid(True, lw=0.3, color="#d8dce0")
+    if all(curve.x.dtype.kind in "iu" for curve in plotted):
+        axes.xaxis.get_major_locator().set_params(integer=True)
     if from_zero:
-        axes.set_ylim(bottom=0.0)
+        axes.set_ylim(0.0, 1.05 * axes.dataLim.y1)
     if equal:
         axes.set_aspect("equal", adjustable="datalim")
     if sum(len(scale.get_legend_handles_labels()[0]) for scale, _, _ in scales) > 1:

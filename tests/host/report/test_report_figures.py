@@ -71,6 +71,17 @@ def test_a_folder_with_another_model_is_refused(tmp_path):
     check_gap_folder(tmp_path, None)
 
 
+def test_a_scale_from_zero_has_room_above_and_numbered_items_have_whole_ticks():
+    number = np.arange(1, 20)
+    (axes,) = plot_curves(
+        [Curve(number, 0.01 * number + 416.0, "a", "#000000")], "n", "Hz", from_zero=True
+    ).axes
+    assert axes.get_ylim()[0] == 0.0 and axes.get_ylim()[1] > 1.02 * 416.0
+    assert np.all(axes.get_xticks() % 1 == 0)
+    (axes,) = plot_curves([Curve(0.1 * number, number, "a", "#000000")], "t", "a").axes
+    assert np.any(axes.get_xticks() % 1 != 0)
+
+
 def test_a_second_axis_and_a_band_are_plotted():
     t = np.arange(10.0)
     figure = plot_curves(

@@ -236,7 +236,7 @@ def _remarks(samples: Array, spans: Spans, reference: Reference | None, is_movin
             )
     else:
         notes.append(
-            f"{reference.name}: delay {reference.delay * 1e3:+.1f} ms against the gyro and scale removed, "
+            f"{reference.name}: delay {reference.delay * 1e3:+z.1f} ms against the gyro and scale removed, "
             "both fitted to the first half"
         )
     return notes

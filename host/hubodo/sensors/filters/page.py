@@ -52,7 +52,7 @@ def score_rows(result: FilterComparison) -> list[tuple[str, ...]]:
             f"{score.error * _DEG:.4g}",
             f"{score.error:.3g}",
             f"{score.tuning_error * _DEG:.4g}",
-            "-" if score.delay is None else f"{score.delay * 1e3:.1f}",
+            "-" if score.delay is None else f"{score.delay * 1e3:z.1f}",
             f"{score.run_time * 1e6:.2f}",
         )
         for score in result.scores

@@ -45,8 +45,8 @@ def format_held_out(held_out: CrossValidation | None, unit: str, factor: float =
     if held_out is None:
         return "no data were held out"
     return (
-        f"{held_out.rms_before * factor:.4g} {unit} rms before, {held_out.rms * factor:.4g} {unit} after "
-        f"(largest {np.abs(held_out.error).max() * factor:.4g}), on {len(held_out.error)} held out of the fit"
+        f"{held_out.rms_before * factor:.2g} {unit} rms before, {held_out.rms * factor:.2g} {unit} after "
+        f"(largest {np.abs(held_out.error).max() * factor:.2g}), on {len(held_out.error)} held out of the fit"
     )
 
 

@@ -50,9 +50,15 @@ export class PathMap {
       [x0, x1, y0, y1] = [pose.x - FOLLOW_SPAN / 2, pose.x + FOLLOW_SPAN / 2, pose.y - FOLLOW_SPAN / 2, pose.y + FOLLOW_SPAN / 2];
     } else {
       const points = pose ? [...trail, ...fixes, [pose.x, pose.y]] : [...trail, ...fixes];
-      for (const [x, y] of points) {
+      const include = ([x, y]) => {
         x0 = Math.min(x0, x); x1 = Math.max(x1, x);
         y0 = Math.min(y0, y); y1 = Math.max(y1, y);
+      };
+      points.forEach(include);
+      // A circle wider than the path would leave the path too small to see.
+      if (pose?.sigma && pose.sigma < Math.max(x1 - x0, y1 - y0)) {
+        include([pose.x - pose.sigma, pose.y - pose.sigma]);
+        include([pose.x + pose.sigma, pose.y + pose.sigma]);
       }
       if (!points.length) { [x0, x1, y0, y1] = [-MIN_SPAN, MIN_SPAN, -MIN_SPAN, MIN_SPAN]; }
     }

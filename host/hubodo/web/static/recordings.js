@@ -67,11 +67,11 @@ export class Recordings {
     addButton("Report", () => this.run(card, { kind: "report", name: recording.name },
       () => link(card, "report", `/pages/report/${path}`, "Open the report")));
     if (this.models.length) {
-      buttons.append(model);
       addButton("Gap", () => this.run(card, { kind: "gap", name: recording.name, model: model.value }, (result) => {
         link(card, "gap", `/pages/gap/${path}`, "Open the gap report");
         if (result?.verdict) { note(card, verdict(result)); }
       }));
+      buttons.append(element("label", { class: "dim" }, "with ", model));
     }
     const file = element("a", { href: `/api/recordings/${path}`, download: "" }, "Download");
     buttons.append(file);

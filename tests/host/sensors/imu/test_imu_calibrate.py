@@ -247,7 +247,9 @@ def test_the_verb_writes_a_file_that_corrects_the_errors_and_keeps_other_entries
     assert shown["accel_norm_held_out"]["after_rms"] < 0.01
     assert len(shown["rests"]) == 20
     assert "20 standstills" in (tmp_path / "r.html").read_text()
-    with pytest.raises(InputError, match="it has hand"):
+    alone = verb.run(parser.parse_args([line[0], *line[3:5], "-o", str(tmp_path / "alone.toml")]))
+    assert alone.node == "hand" and set(read_calibration(tmp_path / "alone.toml").nodes) == {"hand"}
+    with pytest.raises(InputError, match="give --node with one of: hand"):
         verb.run(parser.parse_args([*line[:2], "left", *line[3:]]))
 
 

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from hubodo.calibration.parameter_table import PARAMETER_HEADINGS, SIGNIFICANT_SIGMA, parameter_rows
+from hubodo.calibration.parameter_table import (
+    PARAMETER_HEADINGS,
+    SIGNIFICANT_SIGMA,
+    format_with_sigma,
+    parameter_rows,
+)
 from hubodo.pages.page import PageTable, Section, render_page
 
 if TYPE_CHECKING:
@@ -42,7 +47,7 @@ def wheel_calibration_page(result: WheelCalibration, log: str) -> str:
         for name, effects in (*result.nodes.items(), ("the vehicle", result.vehicle))
         if effects
     ]
-    forward, left = (f"{q.value:+.2f} ± {q.sigma:.2f} m" for q in result.antenna)
+    forward, left = (f"{format_with_sigma(q.value, q.sigma)} m" for q in result.antenna)
     positions = [
         ("positions", f"{result.n_positions} ({result.source})"),
         ("white noise of a position", f"{result.white_sigma:.2g} m (1σ)"),

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from hubodo.calibration.file import CalibratedEffect, Quantity
-from hubodo.calibration.parameter_table import PARAMETER_HEADINGS, parameter_rows
+from hubodo.calibration.parameter_table import PARAMETER_HEADINGS, format_with_sigma, parameter_rows
 from hubodo.fuse.wheel.calibration.held_out import HeldOutErrors
 from hubodo.fuse.wheel.calibration.learnt_parameters import quantities_as_effects, quantities_as_json
 from hubodo.pages.console import print_table
@@ -101,7 +101,7 @@ class WheelCalibration:
         )
         if self.n_jumps:
             yield f"the positions jumped {self.n_jumps} times; the slow error was reset at each jump"
-        forward, left = (f"{q.value:+.2f} ± {q.sigma:.2f} m" for q in self.antenna)
+        forward, left = (f"{format_with_sigma(q.value, q.sigma)} m" for q in self.antenna)
         yield f"antenna {forward} forward, {left} to the left"
         check = self.held_out
         if check.n_segments:
