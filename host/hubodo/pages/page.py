@@ -34,7 +34,8 @@ p.lead { font-size: 1.1rem; } p { color: var(--ink); } .dim { color: var(--dim);
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 th, td { text-align: right; padding: 0.25rem 0.9rem 0.25rem 0; border-bottom: 1px solid var(--line); }
 th:first-child, td:first-child, th.text, td.text { text-align: left; } td.number { white-space: nowrap; }
-@media (min-width: 40rem) { td.quantity { white-space: nowrap; } table.wide { font-size: 0.92rem; } }
+@media (min-width: 40rem) { td.quantity { white-space: nowrap; } }
+@media screen and (min-width: 40rem) { table.wide { font-size: 0.92rem; } }
 details { margin-top: 1rem; border-top: 1px solid var(--line); } details h2 { margin-top: 1rem; }
 summary { cursor: pointer; padding: 0.5rem 0; } summary h2 { display: inline; margin: 0; }
 @media (max-width: 40rem) { body { margin: 1rem auto; } table { font-size: 0.85rem; }
