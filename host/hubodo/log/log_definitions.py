@@ -10,7 +10,7 @@ from hubodo.log.mcap_file import McapFile
 
 
 class LogDefinitions:
-    """What a reader needs in every log, in the order in which MCAP demands it."""
+    """The definitions of a recording, written to each log in the order that MCAP prescribes."""
 
     def __init__(self) -> None:
         self._schemas: dict[int, Schema] = {}

@@ -39,7 +39,7 @@ _SYNONYMS: dict[str, tuple[str, ...]] = {
 """Option that people try: the options that do it in the verbs, with how its value is written there."""
 
 
-_LOG_OPTIONS = ("--still", "--warmup", "--poses")
+_LOG_PURPOSES = ("--still", "--warmup", "--poses")
 """Options of a verb whose logs have different purposes."""
 _VERB_SYNONYMS = {
     "convert": (("import", "export"),),
@@ -185,7 +185,7 @@ def _describe_unknown(
 
 def _suggest_order(known: Sequence[str], parsed: argparse.Namespace, extra: str) -> str:
     """Return the command line to write where a vehicle file or an option stands in the place of the log."""
-    if purposes := [option for option in known if option in _LOG_OPTIONS]:
+    if purposes := [option for option in known if option in _LOG_PURPOSES]:
         return f", write {' or '.join(f'{option} {extra}' for option in purposes)}"
     log = str(getattr(parsed, "log", getattr(parsed, "source", "")))
     if "--vehicle" in known and log.endswith(".toml") and getattr(parsed, "vehicle", None) is None:
