@@ -21,7 +21,7 @@ VERBS: dict[str, str] = {
     "node": "identify a node, change its settings, initialise its gyro bias, or restart it",
     "allan": "Allan deviation and noise terms (IEEE 952) of stationary sensors, with sigmas",
     "warmup": "fit the gyro bias after power-on, C1 (1 - exp(-t/T)) + C2, and test the residual",
-    "calibrate": "calibrate wheels from a drive with known positions, or a node's sensors from static poses",
+    "calibrate": "calibrate wheels from a drive with known positions, or sensors from poses or a rate table",
     "sheet": "write the test sheet of a sensor: noise, warm-up and calibration on two printed pages",
     "north": "find north from Earth rate: maytagging, carouselling, east-seeking",
     "heading": "estimate the heading from one vertical gyro axis, corrected for warm-up, with its sigma",

@@ -1,4 +1,4 @@
-"""`hubodo calibrate`: calibrate wheels from a drive, or the sensors of a node from static poses."""
+"""`hubodo calibrate`: calibrate wheels from a drive, or the sensors of a node from poses or a rate table."""
 
 from __future__ import annotations
 
@@ -6,15 +6,16 @@ import argparse
 
 from hubodo.fuse.wheel.calibration.result import WheelCalibration
 from hubodo.sensors.imu.result import ImuCalibration
-from hubodo.verbs import calibrate_imu, calibrate_wheels
+from hubodo.sensors.rate_table.result import RateCalibration
+from hubodo.verbs import calibrate_imu, calibrate_rate, calibrate_wheels
 
 EXAMPLE = calibrate_wheels.EXAMPLE
 
-_KINDS = {"wheels": calibrate_wheels, "imu": calibrate_imu}
+_KINDS = {"wheels": calibrate_wheels, "imu": calibrate_imu, "rate": calibrate_rate}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of `hubodo calibrate wheels` and `hubodo calibrate imu`."""
+    """Add the arguments of each kind of calibration."""
     kinds = parser.add_subparsers(dest="kind", required=True, metavar="KIND")
     for name, module in _KINDS.items():
         kind = kinds.add_parser(
@@ -26,12 +27,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             kind.add_argument(option, action="store_true", default=argparse.SUPPRESS, help=argparse.SUPPRESS)
 
 
-def run(args: argparse.Namespace) -> WheelCalibration | ImuCalibration:
+def run(args: argparse.Namespace) -> WheelCalibration | ImuCalibration | RateCalibration:
     """Run the requested kind of calibration.
 
     Returns
     -------
-    WheelCalibration or ImuCalibration
+    WheelCalibration, ImuCalibration or RateCalibration
         The calibration and the file that it was added to.
 
     Raises
@@ -41,4 +42,4 @@ def run(args: argparse.Namespace) -> WheelCalibration | ImuCalibration:
     """
     if args.kind == "wheels":
         return calibrate_wheels.run(args)
-    return calibrate_imu.run(args)
+    return calibrate_imu.run(args) if args.kind == "imu" else calibrate_rate.run(args)

@@ -76,6 +76,16 @@ RUNS: tuple[Run, ...] = (
         "calibrate imu poses.mcap --node left --gravity 9.81 --latitude-deg 48 --convention x-first "
         "--min-rest 0.5 --force --report out-{n}.html -o out-{n}.toml"
     ),
+    Run(
+        "calibrate rate turned.csv --node turned --unit rad/s --axis z --table rates.csv --settle 0.5 "
+        "--full-scale-deg-s 250 --latitude-deg 48 -o out-{n}.toml"
+    ),
+    Run(
+        "calibrate rate turned.csv --node turned --unit rad/s --rates-deg-s=0,50 --min-plateau 2 "
+        "-o out-{n}.toml",
+        2,
+        "2 rates are listed",
+    ),
     Run("calibrate imu means.csv --node left --means --mean-sigma 1e-3 -o out-{n}.toml"),
     Run(
         "calibrate imu poses.mcap --node left --table-rate-deg-s 10 -o out-{n}.toml",
@@ -259,6 +269,11 @@ def create_files(folder: Path) -> None:
     rng, count = np.random.default_rng(1), 2000
     gyro, accel = rng.normal(0.01, 0.002, (count, 3)), rng.normal([0.0, 0.0, 9.81], 0.02, (count, 3))
     np.savez(folder / "numbers.npz", gyro=gyro, accel=accel)
+    table = np.c_[np.arange(8) * 4.0, [0, 50, 100, 50, 0, -50, -100, 0]]
+    t = np.arange(3200) / 100
+    turned = np.radians(table[(t / 4).astype(int), 1]) + rng.normal(0.01, 0.001, 3200)
+    np.savetxt(folder / "rates.csv", table, delimiter=",", header="t,rate (deg/s)", comments="")
+    np.savetxt(folder / "turned.csv", np.c_[t, turned], delimiter=",", header="t,gz", comments="")
     up = rng.normal(size=(12, 3))
     up *= 9.80665 / np.linalg.norm(up, axis=1)[:, None]
     np.savetxt(

@@ -144,14 +144,15 @@ def find_standstills(
         np.column_stack([t[starts], t[ends - 1]]),
         np.array([gyro[i:j].mean(axis=0) for i, j in pairs]),
         np.array([accel[i:j].mean(axis=0) for i, j in pairs]),
-        _mean_sigma(gyro, pairs, width, gyro_steps),
-        _mean_sigma(accel, pairs, width, accel_steps),
+        mean_sigma(gyro, pairs, width),
+        mean_sigma(accel, pairs, width),
         tuple(rejected),
     )
 
 
-def _mean_sigma(values: Array, pairs: list[tuple[int, int]], width: int, steps: Array) -> Array:
-    """Return the (R, 3) standard errors of the means, including the undithered quantisation."""
+def mean_sigma(values: Array, pairs: list[tuple[int, int]], width: int) -> Array:
+    """Return the (R, C) standard errors of the means of spans, including the undithered quantisation."""
+    steps = find_quantisation_steps(values)
     scatter = np.sqrt(np.mean([values[i:j].var(axis=0) for i, j in pairs], axis=0))
     random = np.array([standard_error(values[i:j], width) for i, j in pairs])
     return np.asarray(np.hypot(random, undithered_sigma(scatter, steps)))
@@ -250,11 +251,7 @@ def find_steady_turns(
     CalibrationError if there is none.
     """
     step = float(np.median(np.diff(t)))
-    width = max(4, round(QUIET_WINDOW_S / step))
-    quantisation = find_quantisation_steps(gyro)
-    starts, ends = _find_segments(
-        _find_quiet_windows(gyro, width, quantisation), width, np.diff(t) > 5 * step
-    )
+    starts, ends = find_quiet_segments(t, gyro)
     margin = max(1, round(STANDSTILL_MARGIN_S[0] / step))
     spans = [(i + margin, j - margin) for i, j in zip(starts, ends, strict=True)]
     spans = [(i, j) for i, j in spans if (j - i) * step >= min_duration]
@@ -267,7 +264,15 @@ def find_steady_turns(
             "table's rate (rad/s) and turn the node steadily in nine or more poses"
         )
     means = np.array([gyro[i:j].mean(axis=0) for i, j in spans])
-    return means, _mean_sigma(gyro, spans, width, quantisation)
+    return means, mean_sigma(gyro, spans, max(4, round(QUIET_WINDOW_S / step)))
+
+
+def find_quiet_segments(t: Array, values: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the first and one-past-last sample of each segment of (N, C) values near their noise floor."""
+    step = float(np.median(np.diff(t)))
+    width = max(4, round(QUIET_WINDOW_S / step))
+    quiet = _find_quiet_windows(values, width, find_quantisation_steps(values))
+    return _find_segments(quiet, width, np.diff(t) > 5 * step)
 
 
 def standard_error(values: Array, width: int) -> Array:

@@ -1,0 +1,1 @@
+"""Calibration of one gyro axis on a rate table."""

@@ -1,0 +1,98 @@
+"""Plateaus of a rate table: spans of constant rate, with the mean of the gyro in each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hubodo.arrays import Array
+from hubodo.errors import CalibrationError
+from hubodo.sensors.imu.standstills import find_quiet_segments, mean_sigma
+
+SAME_RATE = 1e-3
+"""Difference of two rates, relative to the largest, up to which they are one."""
+_MIN_SAMPLES = 20
+_MAX_SPREAD = 4.0
+"""Scatter of the samples relative to the median plateau, beyond which a plateau was disturbed."""
+
+
+@dataclass(frozen=True)
+class Plateaus:
+    """K plateaus in order of time.
+
+    Attributes:
+        t: (K,) middle, s.
+        rate: (K,) of the table, rad/s.
+        reading: (K,) mean of the gyro, rad/s.
+        sigma: (K,) standard error of the mean.
+        notes: one line for each plateau that was left out.
+    """
+
+    t: Array
+    rate: Array
+    reading: Array
+    sigma: Array
+    notes: tuple[str, ...] = ()
+
+
+def plateaus_from_table(t: Array, gyro: Array, table_t: Array, table_rate: Array, settle: float) -> Plateaus:
+    """Return the plateaus of the rates of the table, which hold until its next row.
+
+    t: (N,) s. gyro: (N,) rad/s. settle: time cut at both ends, s.
+    """
+    same = SAME_RATE * max(float(np.abs(table_rate).max()), 1e-12)
+    first = np.flatnonzero(np.abs(np.diff(table_rate, prepend=np.inf)) > same)
+    ends = np.append(table_t[first[1:]], max(float(t[-1]), float(table_t[-1])))
+    rates = np.array([float(np.mean(part)) for part in np.split(table_rate, first[1:])])
+    # The rate of a dense table changes with each row of a ramp, so a row of a ramp is too short a plateau.
+    return _evaluate(t, gyro, np.column_stack([table_t[first], ends]), rates, settle)
+
+
+def plateaus_from_list(
+    t: Array, gyro: Array, rates: Sequence[float], settle: float, min_duration: float
+) -> Plateaus:
+    """Return the steady segments of the gyro, one for each rate (rad/s) of the list, in order.
+
+    Raises CalibrationError if their numbers differ.
+    """
+    starts, ends = find_quiet_segments(t, gyro[:, None])
+    spans = np.column_stack([t[starts], t[ends - 1]])
+    is_long = spans[:, 1] - spans[:, 0] >= min_duration
+    if np.count_nonzero(is_long) != len(rates):
+        means = [gyro[i:j].mean() for i, j in zip(starts[is_long], ends[is_long], strict=True)]
+        raise CalibrationError(
+            f"{len(rates)} rates are listed, and the gyro shows {len(means)} steady segments of "
+            f"{min_duration:g} s or more ({', '.join(f'{np.degrees(it):.4g}' for it in means)} deg/s); "
+            "list each, change --min-plateau, or give times and rates with --table"
+        )
+    return _evaluate(t, gyro, spans[is_long], np.asarray(rates, float), settle)
+
+
+def _evaluate(t: Array, gyro: Array, spans: Array, rates: Array, settle: float) -> Plateaus:
+    """Return the plateaus with enough samples after `settle` s are cut at both ends of each span."""
+    parts = [np.flatnonzero((t >= a + settle) & (t <= b - settle)) for a, b in spans]
+    used = [k for k, part in enumerate(parts) if len(part) >= _MIN_SAMPLES]
+    if not used:
+        raise CalibrationError(
+            "no plateau has enough samples: rates must last longer than twice --settle, at times of the log"
+        )
+    scatter = np.array([np.diff(gyro[parts[k]]).std() for k in used])
+    spread = np.array([gyro[parts[k]].std() for k in used])
+    limit = _MAX_SPREAD * float(np.median(np.maximum(spread, scatter / np.sqrt(2.0))))
+    calm = [k for k, s in zip(used, spread, strict=True) if s <= limit or limit == 0.0]
+    notes = tuple(
+        f"plateau of {np.degrees(rates[k]):.4g} deg/s at {t[parts[k][0]]:.1f} s left out: it was disturbed"
+        for k in used
+        if k not in calm
+    )
+    step = float(np.median(np.diff(t)))
+    pairs = [(int(parts[k][0]), int(parts[k][-1]) + 1) for k in calm]
+    return Plateaus(
+        np.array([t[i:j].mean() for i, j in pairs]),
+        rates[calm],
+        np.array([gyro[i:j].mean() for i, j in pairs]),
+        mean_sigma(gyro[:, None], pairs, max(4, round(0.5 / step)))[:, 0],
+        notes,
+    )
