@@ -133,7 +133,7 @@ def test_times_and_rates_in_other_units_are_those_of_the_heading(tmp_path):
         read_rate_file(tmp_path / "a.csv")
 
 
-def test_the_noise_of_many_repeated_rates_is_not_taken_for_hysteresis_or_drift():
+def test_the_noise_of_many_repeated_rates_is_neither_hysteresis_nor_drift():
     fits = [calibrate(replace(AXIS, hysteresis=0.0), seed=seed).fit for seed in range(4)]
     pulls = [it.hysteresis.value / it.hysteresis.sigma for it in fits] + [
         it.drift.value / it.drift.sigma for it in fits

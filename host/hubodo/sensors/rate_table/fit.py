@@ -28,8 +28,8 @@ from hubodo.sensors.rate_table.plateaus import SAME_RATE, Plateaus
 _MIN_RATES = 4
 _MIN_DOF = 3
 _MAX_CHANCE = 0.01
-_MAX_CONDITION_NUMBER = 1e4
-_SCALE_RANGE = (0.5, 2.0)
+_MAX_COLUMN_CONDITION = 1e4
+_SLOPE_RANGE = (0.5, 2.0)
 _WALK_RATIOS = (0.0, *np.logspace(-1, 7, 25))
 """Variance of the bias walk at the end of the record, relative to that of the mean of a plateau."""
 
@@ -112,7 +112,7 @@ def _fit_cells(
     for name, column in (("drift", plateaus.t - plateaus.t.mean()), ("hysteresis", direction)):
         trial = np.column_stack([columns, column])
         norm = np.maximum(np.linalg.norm(trial, axis=0), 1e-300)
-        if trial.shape[1] < len(cell) and np.linalg.cond(trial / norm) < _MAX_CONDITION_NUMBER:
+        if trial.shape[1] < len(cell) and np.linalg.cond(trial / norm) < _MAX_COLUMN_CONDITION:
             columns, names = trial, [*names, name]
     solution, covariance, noise_factor = _solve_with_walk(columns, plateaus)
     others: dict[str, Quantity | None] = {"drift": None, "hysteresis": None}
@@ -129,7 +129,9 @@ def _solve_with_walk(columns: Array, plateaus: Plateaus) -> tuple[Array, Array, 
     """
     dof = len(columns) - columns.shape[1]
     since = plateaus.t - plateaus.t[0]
-    walk = np.minimum.outer(since, since) / max(float(since[-1]), 1e-300)
+    # Means of a walk over windows of length d: the covariance is the earlier middle, the variance d/6 less.
+    walk = np.minimum.outer(since, since) + plateaus.duration[0] / 2 - np.diag(plateaus.duration) / 6
+    walk /= walk.max()
     estimates, covariances, factors, log_likelihoods = [], [], [], []
     for ratio in _WALK_RATIOS if dof >= _MIN_DOF else _WALK_RATIOS[:1]:
         noise = np.diag(plateaus.sigma**2) + ratio * np.median(plateaus.sigma) ** 2 * walk
@@ -162,7 +164,7 @@ def _solve_with_walk(columns: Array, plateaus: Plateaus) -> tuple[Array, Array, 
 def _asymmetry(rates: Array, means: Array, covariance: Array) -> Quantity | None:
     """Return 2 a / s of the least-squares curve b + s r + a |r|; None if zero and |r| are the same rate."""
     design = np.column_stack([np.ones(len(rates)), rates, np.abs(rates)])
-    if np.linalg.cond(design / np.linalg.norm(design, axis=0)) > _MAX_CONDITION_NUMBER:
+    if np.linalg.cond(design / np.linalg.norm(design, axis=0)) > _MAX_COLUMN_CONDITION:
         return None
     curve = np.linalg.pinv(design)
     slope = float(curve[1] @ means)
@@ -174,7 +176,7 @@ def _functional(row: Array, means: Array, covariance: Array, offset: float = 0.0
 
 
 def _check_slope(slope: float) -> None:
-    if not _SCALE_RANGE[0] < slope < _SCALE_RANGE[1]:
+    if not _SLOPE_RANGE[0] < slope < _SLOPE_RANGE[1]:
         raise InputError(
             f"the gyro reads {slope:.3g} times the rate of the table: the axis points the other way, the "
             "unit differs, or times do not match; choose the axis, or correct the signs or units of the rates"

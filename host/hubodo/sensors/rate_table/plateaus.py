@@ -13,7 +13,7 @@ from hubodo.sensors.imu.standstills import find_quiet_segments, mean_sigma
 
 SAME_RATE = 1e-3
 """Difference of two rates, relative to the largest, up to which they are one."""
-_MIN_SAMPLES = 20
+_MIN_PLATEAU_SAMPLES = 20
 _MAX_SPREAD = 4.0
 """Scatter of the samples relative to the median plateau, beyond which a plateau was disturbed."""
 
@@ -23,7 +23,7 @@ class Plateaus:
     """K plateaus in order of time.
 
     Attributes:
-        t: (K,) middle, s.
+        t, duration: (K,) middle and length, s.
         rate: (K,) of the table, rad/s.
         reading: (K,) mean of the gyro, rad/s.
         sigma: (K,) standard error of the mean.
@@ -31,6 +31,7 @@ class Plateaus:
     """
 
     t: Array
+    duration: Array
     rate: Array
     reading: Array
     sigma: Array
@@ -73,7 +74,7 @@ def plateaus_from_list(
 def _evaluate(t: Array, gyro: Array, spans: Array, rates: Array, settle: float) -> Plateaus:
     """Return the plateaus with enough samples after `settle` s are cut at both ends of each span."""
     parts = [np.flatnonzero((t >= a + settle) & (t <= b - settle)) for a, b in spans]
-    used = [k for k, part in enumerate(parts) if len(part) >= _MIN_SAMPLES]
+    used = [k for k, part in enumerate(parts) if len(part) >= _MIN_PLATEAU_SAMPLES]
     if not used:
         raise CalibrationError(
             "no plateau has enough samples: rates must last longer than twice --settle, at times of the log"
@@ -89,10 +90,14 @@ def _evaluate(t: Array, gyro: Array, spans: Array, rates: Array, settle: float) 
     )
     step = float(np.median(np.diff(t)))
     pairs = [(int(parts[k][0]), int(parts[k][-1]) + 1) for k in calm]
+    root_count = np.sqrt([j - i for i, j in pairs])
+    # One noise for all: a plateau that happens to be calm is not more precise than others.
+    scatter_of_one = mean_sigma(gyro[:, None], pairs, max(4, round(0.5 / step)))[:, 0] * root_count
     return Plateaus(
         np.array([t[i:j].mean() for i, j in pairs]),
+        np.array([t[j - 1] - t[i] for i, j in pairs]),
         rates[calm],
         np.array([gyro[i:j].mean() for i, j in pairs]),
-        mean_sigma(gyro[:, None], pairs, max(4, round(0.5 / step)))[:, 0],
+        float(np.sqrt(np.mean(scatter_of_one**2))) / root_count,
         notes,
     )
