@@ -25,9 +25,9 @@ from hubodo.log.units import check_node_units, si_factor
 from hubodo.progress import progress_line
 from hubodo.sensors.rate_table.calibrate import RateOptions, calibrate_rate
 from hubodo.sensors.rate_table.result import RateCalibration
-from hubodo.verbs.calibrate_imu import node_table
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, stated_input_format
 from hubodo.verbs.numbers import latitude, non_negative_number, positive_number
+from hubodo.verbs.standstill import choose_node
 
 HELP = "scale, asymmetry, nonlinearity and hysteresis of a gyro axis, from the rates of a rate table"
 EXAMPLE = "hubodo calibrate rate table.mcap --node left --axis z --table rates.csv -o calibration.toml"
@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `hubodo calibrate rate`."""
     parser.add_argument("log", type=Path, metavar="LOG", help=LOG_HELP)
     add_log_options(parser)
-    parser.add_argument("--node", required=True, help="name of the node")
+    parser.add_argument("--node", help="name of the node (default: the only one)")
     parser.add_argument(
         "--axis", choices=("x", "y", "z"), default="z", help="gyro axis along that of the table (default z)"
     )
@@ -109,14 +109,15 @@ def run(args: argparse.Namespace) -> RateCalibration:
     )
     with progress_line() as show:
         recording = read_log(args.log, input_format=stated_input_format(args, needed=()), progress=show)
-        table = node_table(recording, args.node, str(args.log))
-        where = f"{args.log}, node {args.node}"
+        node = choose_node(recording, args.node, args.log)
+        table = recording.nodes[node]
+        where = f"{args.log}, node {node}"
         check_node_units(table, where, [si_factor(unit)[0] for unit in args.unit])
         try:
-            result = calibrate_rate(table.t, table["g" + args.axis], args.node, args.axis, options)
+            result = calibrate_rate(table.t, table["g" + args.axis], node, args.axis, options)
         except HubodoError as error:
             raise type(error)(f"{where}: {error}") from None
-    stored = before.nodes.get(args.node, NodeCalibration()).effects
+    stored = before.nodes.get(node, NodeCalibration()).effects
     method = f"rate table, {len(result.plateaus.rate)} plateaus of {len(result.fit.rates)} rates"
     digest, date = hash_source(args.log), datetime.now(UTC).date().isoformat()
     effects = {}
@@ -125,8 +126,8 @@ def run(args: argparse.Namespace) -> RateCalibration:
         effects[name] = CalibratedEffect(
             {**other_axes, **parameters}, method, digest, date, find_temperature_span(table)
         )
-    serial = find_node_serial(recording.metadata, args.node)
-    write_calibration(before.with_node(args.node, effects, serial), args.output)
+    serial = find_node_serial(recording.metadata, node)
+    write_calibration(before.with_node(node, effects, serial), args.output)
     return replace(result, output=str(args.output))
 
 

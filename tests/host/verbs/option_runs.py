@@ -77,9 +77,10 @@ RUNS: tuple[Run, ...] = (
         "--min-rest 0.5 --force --report out-{n}.html -o out-{n}.toml"
     ),
     Run(
-        "calibrate rate turned.csv --node turned --unit rad/s --axis z --table rates.csv --settle 0.5 "
+        "calibrate rate turned.csv --node turned --unit rad/s --table rates.csv --settle 0.5 "
         "--full-scale-deg-s 250 --latitude-deg 48 -o out-{n}.toml"
     ),
+    *_logs("calibrate rate", "--axis x --rates-deg-s=0,50 -o out-{n}.toml", 2),
     Run(
         "calibrate rate turned.csv --node turned --unit rad/s --rates-deg-s=0,50 --min-plateau 2 "
         "-o out-{n}.toml",

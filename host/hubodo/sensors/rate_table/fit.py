@@ -23,6 +23,7 @@ from scipy.special import chdtrc
 from hubodo.arrays import Array
 from hubodo.calibration.file import Quantity
 from hubodo.errors import CalibrationError, InputError
+from hubodo.sensors.north.drift import random_walk_covariance
 from hubodo.sensors.rate_table.plateaus import SAME_RATE, Plateaus
 
 _MIN_RATES = 4
@@ -128,9 +129,8 @@ def _solve_with_walk(columns: Array, plateaus: Plateaus) -> tuple[Array, Array, 
     restricted likelihoods (Patterson, Thompson 1971).
     """
     dof = len(columns) - columns.shape[1]
-    since = plateaus.t - plateaus.t[0]
-    # Means of a walk over windows of length d: the covariance is the earlier middle, the variance d/6 less.
-    walk = np.minimum.outer(since, since) + plateaus.duration[0] / 2 - np.diag(plateaus.duration) / 6
+    half = plateaus.duration / 2
+    walk = random_walk_covariance(plateaus.t - half, plateaus.t + half)
     walk /= walk.max()
     estimates, covariances, factors, log_likelihoods = [], [], [], []
     for ratio in _WALK_RATIOS if dof >= _MIN_DOF else _WALK_RATIOS[:1]:
