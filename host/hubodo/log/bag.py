@@ -109,7 +109,8 @@ def _unreadable_error(path: Path, error: Exception) -> InputError:
     return InputError(f"{path}: cannot be read as a rosbag ({error}); try ros2 bag reindex, or convert it")
 
 
-def _total_size(path: Path) -> int:
+def stored_size(path: Path) -> int:
+    """Return the bytes of a file, or of the files of a folder."""
     files = path.iterdir() if path.is_dir() else [path]
     return sum(file.stat().st_size for file in files if file.is_file())
 
@@ -142,7 +143,7 @@ def _open_sqlite(
 
     count, unusable = sum(fact.n_messages for fact in facts), sum(fact.n_unusable for fact in facts)
     notes = [f"{unusable} rows are not of the types that rosbag2 writes; left out"] if unusable else []
-    bag_facts = FileInfo(_total_size(path), "rosbag2", "ros2", True)
+    bag_facts = FileInfo(stored_size(path), "rosbag2", "ros2", True)
     return Bag(path, bag_facts, list(streams.values()), rows, count, notes=lambda: notes, close=close)
 
 
@@ -171,7 +172,7 @@ def _open_mcap_parts(
         close()
 
     facts = FileInfo(
-        _total_size(path), logs[0].file_info.library, "ros2", all(log.file_info.complete for log in logs)
+        stored_size(path), logs[0].file_info.library, "ros2", all(log.file_info.complete for log in logs)
     )
     count = sum(log.messages_read for log in logs)
     return Bag(path, facts, list(streams.values()), rows, count, close=close_all)
@@ -199,6 +200,6 @@ def _open_rosbag1(path: Path) -> Bag:
             [f"{bag.n_undecodable} messages do not match their type; left out"] if bag.n_undecodable else []
         )
 
-    facts = FileInfo(_total_size(path), "rosbag", "ros1", True)
+    facts = FileInfo(stored_size(path), "rosbag", "ros1", True)
     stream_list = list(streams.values())
     return Bag(path, facts, stream_list, rows, bag.n_messages, notes=notes, read_errors=rosbag1.READ_ERRORS)

@@ -94,8 +94,8 @@ def summarise_source(
         *notes,
         *role_notes,
         *(
-            _describe_non_finite(topic, count, message_counts[topic])
-            for topic, count in contents.non_finite_counts.items()
+            _describe_non_finite(topic, field, count, message_counts[topic])
+            for (topic, field), count in contents.non_finite_counts.items()
         ),
     )
     first = min((int(log_ns.min()) for log_ns, _ in contents.times.values()), default=0)
@@ -144,7 +144,7 @@ class _LogContents:
     stamped_channels : ids of channels whose messages have a header stamp.
     event_payloads : JSON of the events.
     bias_filters : channel id -> decoder of a node's bias filter reports.
-    non_finite_counts : topic -> number of sample messages that hold NaN or infinity.
+    non_finite_counts : (topic, field) -> number of sample messages that hold NaN or infinity in this field.
     joints : topic -> joint velocities.
     """
 
@@ -152,7 +152,7 @@ class _LogContents:
     stamped_channels: set[int]
     event_payloads: list[bytes]
     bias_filters: dict[int, ChannelDecoder]
-    non_finite_counts: Counter[str]
+    non_finite_counts: Counter[tuple[str, str]]
     joints: dict[str, JointSpeeds]
 
 
@@ -191,7 +191,8 @@ def _read_contents(log: MessageSource, progress: Progress | None) -> _LogContent
                 speeds = contents.joints.setdefault(stream.topic, JointSpeeds(budget))
                 speeds.feed(messages, chosen[: max(0, _MAX_JOINT_MESSAGES - speeds.count)])
             elif kind in _MEASURED_FIELDS:
-                contents.non_finite_counts[stream.topic] += _count_non_finite(kind, messages, chosen)
+                for field, count in _count_non_finite(kind, messages, chosen).items():
+                    contents.non_finite_counts[stream.topic, field] += count
     contents.times = {
         id: (np.concatenate([p[0] for p in times]), np.concatenate([p[1] for p in times]))
         for id, times in parts.items()
@@ -232,24 +233,26 @@ _MEASURED_FIELDS: Mapping[str, tuple[str, ...]] = {
 """Fields that must be finite in messages of samples."""
 
 
-def _describe_non_finite(topic: str, count: int, message_count: int) -> str:
+def _describe_non_finite(topic: str, field: str, count: int, message_count: int) -> str:
     if count == message_count:
-        return f"{topic}: every message holds NaN or infinity; NaN marks a channel that was not measured"
-    return f"{topic}: {count} messages hold NaN or infinity"
+        return f"{topic}: NaN or infinity in {field} of every message; NaN marks what was not measured"
+    return f"{topic}: NaN or infinity in {field} of {count} messages"
 
 
-def _count_non_finite(kind: str, messages: ChunkMessages, chosen: NDArray[np.intp]) -> int:
-    """Count messages that hold NaN or infinity; fixes with status "no fix" do not count."""
+def _count_non_finite(kind: str, messages: ChunkMessages, chosen: NDArray[np.intp]) -> dict[str, int]:
+    """Count messages with NaN or infinity by field; fixes with status "no fix" do not count."""
     decoder = ChannelDecoder(kind)
     decoder.feed(messages, chosen)
     values = decoder.rows().values
-    parts = [values[name] for name in _MEASURED_FIELDS[kind] if name in values]
-    if not parts or not len(parts[0]):
-        return 0
-    finite = np.isfinite(np.column_stack(parts)).all(axis=1)
-    if kind == ros2.NAV_SAT_FIX:
-        finite |= values["status.status"] < 0
-    return int(np.count_nonzero(~finite))
+    counts = {}
+    for name in _MEASURED_FIELDS[kind]:
+        if name not in values or not len(values[name]):
+            continue
+        finite = np.isfinite(values[name]).reshape(len(values[name]), -1).all(axis=1)
+        if kind == ros2.NAV_SAT_FIX:
+            finite |= values["status.status"] < 0
+        counts[name] = int(np.count_nonzero(~finite))
+    return counts
 
 
 def _is_bias_filter(stream: Stream) -> bool:

@@ -19,6 +19,7 @@ from hubodo.errors import HubodoError
 from hubodo.fuse.mounting_speed import MountingSpeed, mounting_speeds
 from hubodo.ingest.node.bias_filter import describe_filter_row
 from hubodo.log.any_log import open_as_mcap, open_source
+from hubodo.log.bag import stored_size
 from hubodo.log.stream_summary import SampleGap, StreamSummary
 from hubodo.log.summary import Summary, summarise, summarise_source
 from hubodo.progress import progress_line
@@ -85,9 +86,8 @@ class LogInfo:
         print_line = _plain_printer(console)
         state = "complete" if s.complete else "not closed"
         state += f", {s.damaged} damaged places" if s.damaged else ""
-        print_line(
-            f"{s.path}: {s.size} bytes, {state}, {s.duration:.3f} s, written by {s.library or 'unknown'}"
-        )
+        writer = f", written by {s.library}" if s.library else ""
+        print_line(f"{s.path}: {s.size} bytes, {state}, {s.duration:.3f} s{writer}")
         if s.start_ns:
             print_line(f"t = 0 is {datetime.fromtimestamp(s.start_ns / 1e9, UTC).isoformat()}")
         _print_clock(s, print_line)
@@ -252,7 +252,10 @@ def run(args: argparse.Namespace) -> LogInfo:
         summary = summarise(file, progress=show)
     # A converted log is a temporary file, which the user never named.
     warnings = tuple(line.replace(f"{file}: ", f"{args.log}: ") for line in summary.warnings)
-    return _with_speeds(args.log, replace(summary, path=args.log, warnings=warnings))
+    summary = replace(summary, path=args.log, warnings=warnings)
+    if file != args.log:
+        summary = replace(summary, library="", size=stored_size(args.log))
+    return _with_speeds(args.log, summary)
 
 
 def _with_speeds(log: Path, summary: Summary) -> LogInfo:

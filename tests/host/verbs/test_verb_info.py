@@ -143,3 +143,20 @@ def test_a_node_is_described_once_and_a_model_in_one_line(tmp_path: Path, capsys
     assert "  t = 0.000 s connected: left: connected at tty" in lines
     assert sum("simulated.model" in line for line in lines) == 1 and "wheel" not in lines[-1]
     assert not any("t_zero_ns" in line for line in lines)
+
+
+def test_a_file_of_another_program_has_its_own_size_and_says_which_sensor_it_lacks(
+    tmp_path: Path, capsys
+) -> None:
+    path = tmp_path / "gyro.csv"
+    path.write_text(
+        "t,gx,gy,gz\n" + "".join(f"{0.01 * k:.2f},1,2,{'nan' if k == 7 else 3}\n" for k in range(50))
+    )
+    assert main(["info", str(path), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["size_bytes"] == path.stat().st_size and not result["library"]
+    without_accel, one_gap = sorted(result["warnings"], key=len, reverse=True)
+    assert "in linear_acceleration of every message" in without_accel
+    assert "in angular_velocity of 1 messages" in one_gap
+    assert main(["info", str(path)]) == 0
+    assert "written by" not in capsys.readouterr().out

@@ -167,7 +167,7 @@ def evidence_figure(finding: Finding, max_rows: int = 5) -> go.Figure:
         x=[100.0 * share for *_, share in rows],
         y=labels,
         orientation="h",
-        text=[f"{format_probability(share)}, gain {gain:.0f}" for _, _, gain, share in rows],
+        text=[f"{format_probability(share)}, gain {float(f'{gain:.4g}'):,.0f}" for _, _, gain, share in rows],
         textposition=["inside" if share > 0.5 else "outside" for *_, share in rows],
         marker={"color": [NOISE if k else AFTER for k in range(len(rows))]},
     )

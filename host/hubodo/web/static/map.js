@@ -192,6 +192,17 @@ export function drawCompass(canvas, heading, north) {
     pen.lineTo(x + r * 0.97 * Math.cos(a), y + r * 0.97 * Math.sin(a));
     pen.stroke();
   }
+  // The needle ends before the labels, which are drawn over it where the compass is small.
+  if (heading !== null) {
+    pen.save();
+    pen.translate(x, y);
+    pen.rotate(-heading);
+    pen.fillStyle = colour("right");
+    wedge(pen, r * 0.5);
+    pen.fillStyle = colour("dim");
+    wedge(pen, -r * 0.34);
+    pen.restore();
+  }
   pen.font = font(north ? 11 : 9, north ? 700 : 400);
   pen.fillStyle = colour("dim");
   pen.textAlign = "center";
@@ -202,15 +213,6 @@ export function drawCompass(canvas, heading, north) {
     pen.fillText(label, x + r * 0.62 * Math.cos(a), y - r * 0.62 * Math.sin(a));
   });
   pen.textBaseline = "alphabetic";
-  if (heading === null) { return; }
-  pen.save();
-  pen.translate(x, y);
-  pen.rotate(-heading);
-  pen.fillStyle = colour("right");
-  wedge(pen, r * 0.74);
-  pen.fillStyle = colour("dim");
-  wedge(pen, -r * 0.5);
-  pen.restore();
 }
 
 function wedge(pen, length) {
