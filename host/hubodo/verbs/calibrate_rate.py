@@ -42,7 +42,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--axis", choices=("x", "y", "z"), default="z", help="gyro axis along that of the table (default z)"
     )
     parser.add_argument(
-        "--table", type=Path, metavar="CSV", help="rates of the table over time: columns t and rate (deg/s)"
+        "--table",
+        type=Path,
+        metavar="CSV",
+        help="rates of the table over time: columns t and rate_deg_s (a column rate is in rad/s)",
     )
     parser.add_argument(
         "--rates-deg-s",

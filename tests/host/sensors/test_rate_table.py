@@ -104,6 +104,7 @@ def test_the_verb_adds_bias_and_scale_to_the_other_axes_of_the_file(tmp_path, ca
         (("--axis", "x", "--table", "{}/rates.csv"), "gx"),
         (("--settle", "4.1", "--table", "{}/rates.csv"), "--settle"),
         (("--table", "{}/reversed.csv"), "other way"),
+        (("--table", "{}/no_unit.csv"), "name it rate_deg_s"),
         (("--table", "{}/imu.csv"), "columns t and rate"),
     ],
 )
@@ -112,6 +113,7 @@ def test_what_is_missing_or_contradictory_is_named(tmp_path, capsys, options, wo
     np.savetxt(
         tmp_path / "reversed.csv", table * [1, -1], delimiter=",", header="t,rate (deg/s)", comments=""
     )
+    np.savetxt(tmp_path / "no_unit.csv", table, delimiter=",", header="t,rate", comments="")
     assert run(tmp_path, *(text.format(tmp_path) for text in options)) == 2
     assert words in capsys.readouterr().err
 

@@ -176,6 +176,12 @@ def _functional(row: Array, means: Array, covariance: Array, offset: float = 0.0
 
 
 def _check_slope(slope: float) -> None:
+    degrees = float(np.radians(1.0))
+    if degrees * _SLOPE_RANGE[0] < slope < degrees * _SLOPE_RANGE[1]:
+        raise InputError(
+            "the rates of the table are 57 times those of the gyro, as if in deg/s, and a column without "
+            "a unit is read in rad/s: name it rate_deg_s"
+        )
     if not _SLOPE_RANGE[0] < slope < _SLOPE_RANGE[1]:
         raise InputError(
             f"the gyro reads {slope:.3g} times the rate of the table: the axis points the other way, the "
