@@ -82,6 +82,7 @@ accuracy: setup      ## accuracy over many seeded drives and records; about fift
 	$(BIN)/python tests/accuracy/imu_records.py
 	$(BIN)/python tests/accuracy/imu_means.py
 	$(BIN)/python tests/accuracy/rate_table.py
+	$(BIN)/python tests/accuracy/pose_plan.py
 	$(BIN)/python tests/accuracy/node_bias.py
 
 road: setup          ## a real car, standstills, outages, slip, saturated sensors, calibration; about forty minutes

@@ -5,13 +5,14 @@ from __future__ import annotations
 import argparse
 
 from hubodo.fuse.wheel.calibration.result import WheelCalibration
+from hubodo.sensors.imu.pose_plan import PosePlan
 from hubodo.sensors.imu.result import ImuCalibration
 from hubodo.sensors.rate_table.result import RateCalibration
-from hubodo.verbs import calibrate_imu, calibrate_rate, calibrate_wheels
+from hubodo.verbs import calibrate_imu, calibrate_plan, calibrate_rate, calibrate_wheels
 
 EXAMPLE = calibrate_wheels.EXAMPLE
 
-_KINDS = {"wheels": calibrate_wheels, "imu": calibrate_imu, "rate": calibrate_rate}
+_KINDS = {"wheels": calibrate_wheels, "imu": calibrate_imu, "rate": calibrate_rate, "plan": calibrate_plan}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,13 +28,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             kind.add_argument(option, action="store_true", default=argparse.SUPPRESS, help=argparse.SUPPRESS)
 
 
-def run(args: argparse.Namespace) -> WheelCalibration | ImuCalibration | RateCalibration:
+def run(args: argparse.Namespace) -> WheelCalibration | ImuCalibration | RateCalibration | PosePlan:
     """Run the requested kind of calibration.
 
     Returns
     -------
-    WheelCalibration, ImuCalibration or RateCalibration
-        The calibration and the file that it was added to.
+    WheelCalibration, ImuCalibration, RateCalibration or PosePlan
+        The calibration and the file that it was added to, or the plan of one.
 
     Raises
     ------
@@ -42,4 +43,6 @@ def run(args: argparse.Namespace) -> WheelCalibration | ImuCalibration | RateCal
     """
     if args.kind == "wheels":
         return calibrate_wheels.run(args)
+    if args.kind == "plan":
+        return calibrate_plan.run(args)
     return calibrate_imu.run(args) if args.kind == "imu" else calibrate_rate.run(args)

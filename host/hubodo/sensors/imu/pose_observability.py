@@ -133,21 +133,26 @@ def _condition_number(rows: Array) -> float:
 
 def _suggest_poses(weighted: Array, factory: FactoryTolerance, noise: float) -> tuple[str, ...]:
     """Return the faces, edges and corners that reduce the trace of the covariance most, chosen greedily."""
-    corners = [np.array(c, float) for c in itertools.product((-1, 0, 1), repeat=3) if any(c)]
-    corners.sort(key=lambda c: np.count_nonzero(c))
-    candidates = [(c, pose_design_matrix((c / np.linalg.norm(c))[None, :]) / noise) for c in corners]
+    candidates = [(c, pose_design_matrix((c / np.linalg.norm(c))[None, :]) / noise) for c in box_directions()]
     suggestions: list[str] = []
     for _ in range(_MAX_SUGGESTIONS):
         covariances = [posterior_covariance(np.vstack([weighted, row]), factory) for _, row in candidates]
         best = int(np.argmin([np.trace(covariance) for covariance in covariances]))
         weighted = np.vstack([weighted, candidates[best][1]])
-        suggestions.append(_describe_direction(candidates[best][0]))
+        suggestions.append(describe_direction(candidates[best][0]))
         if bool((np.diag(covariances[best]) <= MAX_OBSERVABLE_SIGMA**2).all()):
             break
     return tuple(dict.fromkeys(suggestions))
 
 
-def _describe_direction(corner: Array) -> str:
+def box_directions() -> list[Array]:
+    """Return the directions, not normalised, from the centre of a box to its faces, edges and corners."""
+    corners = [np.array(c, float) for c in itertools.product((-1, 0, 1), repeat=3) if any(c)]
+    return sorted(corners, key=lambda c: np.count_nonzero(c))
+
+
+def describe_direction(corner: Array) -> str:
+    """Return a direction of `box_directions` in words."""
     axes = [f"{'+' if c > 0 else '-'}{'xyz'[i]}" for i, c in enumerate(corner) if c]
     if len(axes) == 1:
         return f"{axes[0]} straight up"

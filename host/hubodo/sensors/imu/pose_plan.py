@@ -1,0 +1,171 @@
+"""Plan of the static poses of an accelerometer calibration: which, how long, and to what sigma."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hubodo.arrays import Array
+from hubodo.earth import STANDARD_GRAVITY
+from hubodo.pages.console import print_lines, print_table
+from hubodo.sensors.imu.pose_observability import (
+    ACCELEROMETER_TOLERANCE,
+    MAX_OBSERVABLE_SIGMA,
+    box_directions,
+    describe_direction,
+    pose_design_matrix,
+    posterior_covariance,
+)
+from hubodo.sensors.imu.standstills import STANDSTILL_MARGIN_S, STANDSTILL_MARGIN_SHARE
+from hubodo.sensors.north.drift import DriftNoise
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+POSE_COUNTS = (9, 12, 15, 18, 24)
+"""Numbers of poses that are compared; nine determine all parameters, more than twelve show a mistake."""
+_STANDSTILLS_S = np.array([2.0, 3, 5, 7, 10, 15, 20, 30, 45, 60, 90, 120, 180, 300, 600])
+_MG, _PPM, _ARC_MIN = 1e3 / STANDARD_GRAVITY, 1e6, math.degrees(60.0)
+
+
+@dataclass(frozen=True)
+class PoseProgramme:
+    """Poses of one number and standstill with the sigmas to be expected.
+
+    Attributes:
+        directions: the side that points up in each pose.
+        standstill: s. time: of the whole programme, s.
+        bias_sigmas: (3,) sigmas of the biases, m/s².
+        scale_sigma, angle_sigma: largest of a scale, and of a difference of two angles, rad.
+    """
+
+    directions: tuple[str, ...]
+    standstill: float
+    time: float
+    bias_sigmas: tuple[float, ...]
+    scale_sigma: float
+    angle_sigma: float
+
+    @property
+    def bias_sigma(self) -> float:
+        """Return the largest sigma of a bias, m/s²."""
+        return max(self.bias_sigmas)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the programme in SI units."""
+        return {
+            "directions": list(self.directions),
+            "standstill": self.standstill,
+            "time": self.time,
+            "bias_sigma": list(self.bias_sigmas),
+            "scale_sigma": self.scale_sigma,
+            "angle_sigma": self.angle_sigma,
+        }
+
+
+@dataclass(frozen=True)
+class PosePlan:
+    """The shortest programme for each number of poses.
+
+    Attributes:
+        noise: noise of the accelerometers: n in m/s²/√Hz, b in m/s², k in m/s²/√s.
+        target_sigma: requested sigma of the biases, m/s².
+        turn: time from pose to pose, s.
+        programmes: for each number of poses; those that miss the target stand still for longest.
+    """
+
+    noise: DriftNoise
+    target_sigma: float
+    turn: float
+    programmes: tuple[PoseProgramme, ...]
+
+    @property
+    def target_programme(self) -> PoseProgramme | None:
+        """Return the shortest programme that reaches the requested sigma, or None."""
+        reached = [it for it in self.programmes if it.bias_sigma <= self.target_sigma]
+        return min(reached, key=lambda it: it.time, default=None)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the JSON result in SI units."""
+        wanted = self.target_programme
+        return {
+            "noise": {"N": self.noise.n, "B": self.noise.b, "K": self.noise.k},
+            "target_bias_sigma": self.target_sigma,
+            "turn": self.turn,
+            "programmes": [it.as_json() for it in self.programmes],
+            "wanted": None if wanted is None else wanted.as_json(),
+        }
+
+    def render(self, console: Console) -> None:
+        """Print the plan for the requested sigma, then the programme of each number of poses."""
+        wanted, target = self.target_programme, f"{self.target_sigma * _MG:.3g} mg"
+        lines = [f"a bias sigma of {target} cannot be reached with these accelerometers"]
+        if wanted is not None:
+            lines = [
+                f"a bias sigma of {target} takes {wanted.time / 60:.1f} minutes: "
+                f"{len(wanted.directions)} poses of {wanted.standstill:g} s",
+                *(f"{k + 1:2d}. {text}" for k, text in enumerate(wanted.directions)),
+            ]
+        print_lines(console, lines)
+        rows = [
+            (
+                str(len(it.directions)),
+                f"{it.standstill:g}",
+                f"{it.time / 60:.1f}",
+                f"{it.bias_sigma * _MG:.3g}",
+                f"{it.scale_sigma * _PPM:.3g}",
+                f"{it.angle_sigma * _ARC_MIN:.3g}",
+            )
+            for it in self.programmes
+        ]
+        headings = ("poses", "standstill, s", "minutes", "bias 1σ, mg", "scale 1σ, ppm", "angle 1σ, arc-min")
+        print_table(console, headings, rows)
+
+
+def plan_poses(noise: DriftNoise, target_sigma: float, turn: float) -> PosePlan:
+    """Return the plan for a requested sigma of the biases, m/s²; turn: time from pose to pose, s."""
+    programmes = []
+    for count in POSE_COUNTS:
+        chosen = choose_directions(count)
+        trials = [_programme(chosen, noise, float(standstill), turn) for standstill in _STANDSTILLS_S]
+        usable = [it for it in trials if it.scale_sigma <= MAX_OBSERVABLE_SIGMA]
+        reached = [it for it in usable if it.bias_sigma <= target_sigma]
+        if usable:
+            programmes.append(reached[0] if reached else min(usable, key=lambda it: it.bias_sigma))
+    return PosePlan(noise, target_sigma, turn, tuple(programmes))
+
+
+def choose_directions(count: int) -> list[Array]:
+    """Return the faces, edges and corners of a box that determine the parameters best, chosen greedily."""
+    chosen: list[Array] = []
+    candidates = box_directions()
+    while len(chosen) < count:
+        traces = [float(np.trace(_covariance([*chosen, candidate], 1e-3))) for candidate in candidates]
+        chosen.append(candidates.pop(int(np.argmin(traces))))
+    return chosen
+
+
+def _covariance(directions: Sequence[Array], noise: float) -> Array:
+    """Return the (9, 9) covariance relative to gravity for a relative noise of the means."""
+    unit = np.array([it / np.linalg.norm(it) for it in directions])
+    return posterior_covariance(pose_design_matrix(unit) / noise, ACCELEROMETER_TOLERANCE)
+
+
+def _programme(
+    directions: Sequence[Array], noise: DriftNoise, standstill: float, turn: float
+) -> PoseProgramme:
+    margin = float(np.clip(standstill * STANDSTILL_MARGIN_SHARE, *STANDSTILL_MARGIN_S))
+    mean_sigma = float(noise.allan_deviation(np.array([standstill - 2 * margin]))[0])
+    sigma = np.sqrt(np.diag(_covariance(directions, mean_sigma / STANDARD_GRAVITY)))
+    return PoseProgramme(
+        tuple(describe_direction(it) for it in directions),
+        standstill,
+        len(directions) * (standstill + turn) - turn,
+        tuple(float(it) * STANDARD_GRAVITY for it in sigma[:3]),
+        float(sigma[3:6].max()),
+        float(sigma[6:].max()),
+    )
