@@ -13,7 +13,7 @@ EffectParameters = Mapping[str, Mapping[str, Quantity]]
 PARAMETER_HEADINGS = (
     "effect", "parameter", "value ± 1σ", "unit", "in common units", "significance", "meaning"
 )  # fmt: skip
-_COMMON_UNITS = {
+COMMON_UNITS = {
     "rad/s": (math.degrees(3600.0), "°/h"),
     "m/s²": (1e3 / STANDARD_GRAVITY, "mg"),
     "rad": (math.degrees(60.0), "arc-min"),
@@ -60,7 +60,7 @@ def parameter_rows(effects: EffectParameters) -> Iterator[tuple[str, ...]]:
 
 def _in_common_unit(quantity: Quantity, unit: str) -> str:
     """Return value and sigma in the common unit; "" for a unit that has none."""
-    if unit not in _COMMON_UNITS:
+    if unit not in COMMON_UNITS:
         return ""
-    factor, name = _COMMON_UNITS[unit]
+    factor, name = COMMON_UNITS[unit]
     return f"{format_with_sigma(quantity.value * factor, quantity.sigma * factor)} {name}"

@@ -13,7 +13,7 @@ import hubodo
 from in_process import hubodo as run
 
 ROOT = Path(__file__).resolve().parents[3]
-MODULES = ["hubodo.api.files", "hubodo.api.read", "hubodo.api.sensor_methods", "hubodo.api.simulate"]
+MODULES = ["hubodo.api.files", "hubodo.api.read", "hubodo.api.channel_methods", "hubodo.api.simulate"]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "host" / "docs").rglob("*.md"))]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hubodo.arrays import Array
+from hubodo.calibration.parameter_table import COMMON_UNITS
 from hubodo.earth import STANDARD_GRAVITY
 from hubodo.pages.console import print_lines, print_table
 from hubodo.sensors.imu.pose_observability import (
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 POSE_COUNTS = (9, 12, 15, 18, 24)
 """Numbers of poses that are compared; nine determine all parameters, more than twelve show a mistake."""
 _STANDSTILLS_S = np.array([2.0, 3, 5, 7, 10, 15, 20, 30, 45, 60, 90, 120, 180, 300, 600])
-_MG, _PPM, _ARC_MIN = 1e3 / STANDARD_GRAVITY, 1e6, math.degrees(60.0)
+_MG, _PPM, _ARC_MIN = (COMMON_UNITS[unit][0] for unit in ("m/s²", "1", "rad"))
 
 
 @dataclass(frozen=True)

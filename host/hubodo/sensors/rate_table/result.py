@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from hubodo.calibration.file import Quantity
-from hubodo.calibration.parameter_table import format_with_sigma
+from hubodo.calibration.parameter_table import COMMON_UNITS, format_with_sigma
 from hubodo.html_table import html_lines, html_table
 from hubodo.pages.console import print_lines, print_table
 from hubodo.sensors.rate_table.fit import RateTableFit
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _HEADINGS = ("figure", "value ± 1σ", "unit")
 _RATE_HEADINGS = ("rate, deg/s", "deviation from the line ± 1σ, ppm of full scale")
 SIGNIFICANT_P_VALUE = 0.01
-_PPM, _DEG_PER_H = 1e6, math.degrees(3600.0)
+_PPM, _DEG_PER_H = (COMMON_UNITS[unit][0] for unit in ("1", "rad/s"))
 _TWO_SIDED_95 = 1.96
 
 
