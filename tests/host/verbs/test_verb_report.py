@@ -68,6 +68,11 @@ def test_the_report_of_a_drive_shows_its_error_and_names_missing_data(tmp_path):
     assert any("drive of" in line for line in result.facts)
     (error,) = (line for line in result.facts if line.startswith("position error at the end"))
     assert float(re.search(r"([\d.]+) % of the path", error)[1]) < 3.0, f"seed 21: {error}"
+    (value,) = set(re.findall(r"track_width.error</td><td[^>]*>([^<]+)<", page))
+    estimate, sigma = value.lstrip("(").split("e")[0].rstrip(")").split(" ± ")
+    assert len(estimate.partition(".")[2]) == len(sigma.partition(".")[2]), (
+        f"as many digits as its sigma: {value}"
+    )
     missing = " ".join(result.missing)
     for part in (
         "calibration: none",
@@ -119,7 +124,7 @@ def test_gaps_and_the_calibration_in_use_are_in_the_page(tmp_path):
     report(tmp_path / "log.mcap", "--calibration", tmp_path / "c.toml", "-o", tmp_path / "r.html")
     page = (tmp_path / "r.html").read_text("utf-8")
     assert "link down" in page
-    assert "z +0.01 ± 0.001" in page
+    assert "z +0.0100 ± 0.0010" in page
     assert "2026-01-02 rests" in page
 
 
