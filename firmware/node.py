@@ -296,22 +296,10 @@ def main():
 
 
 def _run(board, link):
-    if board.settings.get("receiver"):
-        from radio import receiver
+    import node_choice
 
-        node: Any = receiver.Receiver(board, link)
-    else:
-        node = Node(board, link)
-        settings = board.settings
-        # Of one string, as a tuple takes more heap.
-        if settings.get("park_after_s") and settings["link"] not in "udp ble" and sys.platform == "rp2":
-            import parking
-
-            node.slow = parking.Parking(node)
-        elif settings.get("rest_after_s"):
-            import slow_sampling
-
-            node.slow = slow_sampling.SlowSampling(node)
+    node = node_choice.create(board, link)
+    del sys.modules["node_choice"], node_choice
     board.start_watchdog()
     while node.leave is None:
         node.step()

@@ -107,6 +107,7 @@ def load(path=PATH):
         return values
     if isinstance(stored, dict):
         more = stored.get("receiver") or stored.get("rest_after_s") or stored.get("park_after_s")
+        more = more or stored.get("high_g_rate_hz")
         if more or stored.get("link") in ("nrf24", "espnow"):
             import settings_more
 
@@ -122,6 +123,8 @@ def load(path=PATH):
         row = values[name]
         if row and (len(row) != count or not all(type(x) is int and -most <= x <= most for x in row)):
             values[name] = []
+    if values["warmup_udps"] or values["bias_kind"] == BIAS_KIND_GRAVITY:
+        values.pop("high_g_rate_hz", None)  # 8 kB of heap would not be left
     return values
 
 

@@ -1,4 +1,4 @@
-"""Settings of the radio and of standstill; loaded where /config.json enables one of these."""
+"""Settings of radio, standstill and second accelerometer; loaded where /config.json enables one of these."""
 
 DEFAULTS = {
     "receiver": "",  # nrf24, espnow: this board forwards what nodes send by radio
@@ -10,6 +10,7 @@ DEFAULTS = {
     "espnow_channel": 1,  # of Wi-Fi, 1 to 13
     "rest_after_s": 0,  # after this time at standstill: samples at rest_rate_hz; 0 = never
     "park_after_s": 0,  # after this time at standstill: asleep until motion; 0 = never
+    "high_g_rate_hz": 0,  # 100, 200 or 400: an ADXL375 beside the IMU; 0 = none
     "rest_rate_hz": 26,
     "rest_mg": 60,  # change of acceleration that counts as motion
     "rest_dps": 3,  # change of angular rate that counts as motion
@@ -22,6 +23,7 @@ BOUNDS = (
     (0, "espnow_channel", 1, 13),
     (0, "rest_after_s", 0, 86400),
     (0, "park_after_s", 0, 86400),
+    (0, "high_g_rate_hz", 0, 400),
     (0, "rest_rate_hz", 13, 104),
     (0, "rest_mg", 10, 1000),
     (0, "rest_dps", 1, 100),

@@ -2,7 +2,7 @@
 
 from micropython import const
 
-FINGERPRINT = const(0x03B8EB07)
+FINGERPRINT = const(0x07292629)
 
 HEADER_FORMAT = "<BBH"
 HEADER_SIZE = const(4)
@@ -87,10 +87,6 @@ NACK_SIZE = const(8)
 TIME_REPLY = const(0x08)
 TIME_REPLY_FORMAT = "<8sII"
 TIME_REPLY_SIZE = const(16)
-
-SIGNAL = const(0x09)
-SIGNAL_FORMAT = "<IBIIIIIbH"
-SIGNAL_SIZE = const(28)
 
 TIME_REQUEST = const(0x41)
 TIME_REQUEST_FORMAT = "<8s"

@@ -8,7 +8,7 @@ from commands import Commands
 from framing import BODY, PAYLOAD, FrameReader, seal
 from micropython import const
 from outbox import Outbox, Slot
-from wire import SIGNAL, SIGNAL_FORMAT, SIGNAL_SIZE
+from wire_more import SIGNAL, SIGNAL_FORMAT, SIGNAL_SIZE
 
 from radio import open_air
 

@@ -249,6 +249,17 @@ class Signal(Message):
 
 
 @dataclass(frozen=True, slots=True)
+class HighG(Message):
+    """Consecutive samples of an accelerometer with a range beyond that of the IMU."""
+
+    type_id: ClassVar[int] = 0x0A
+    t_us: int = declare_field("I", _DEVICE_TIME + ", of the last sample", unit="us")
+    period_ns: int = declare_field("I", "sample period, measured with the node clock", unit="ns")
+    lsb_ng: int = declare_field("I", "one step", scale="1e-9", unit="g")
+    samples: tuple[tuple[int, ...], ...] = declare_field("3h[]", "acceleration x, y, z in steps", default=())
+
+
+@dataclass(frozen=True, slots=True)
 class TimeRequest(Message):
     """Request of the time of the node clock."""
 
@@ -309,7 +320,7 @@ class GetHello(Message):
     type_id: ClassVar[int] = 0x48
 
 
-NodeMessage = Hello | ImuBatch | Mag | Filter | Health | Ack | Nack | TimeReply | Signal
+NodeMessage = Hello | ImuBatch | Mag | Filter | Health | Ack | Nack | TimeReply | Signal | HighG
 HostMessage = TimeRequest | Ping | SetConfig | Start | Stop | BiasInit | Reboot | GetHello
 AnyMessage = NodeMessage | HostMessage
 """Union of all messages that `decode` returns, so that the type checker verifies an exhaustive `match`."""

@@ -32,6 +32,7 @@ RLS = ("small_float", "rls_filter")
 PSEUDO = ("small_float", "pseudo_filter", "pseudo_init")
 MEANS = ("mean_sums",)
 STATIC = ("static_init",)
+HIGH_G = ("wire_more", "drivers.adxl375", "high_g")
 
 BUS = """
 import gc, json, micropython, sys, time
@@ -39,6 +40,7 @@ sys.path.insert(0, "/")
 import machine
 from fake_bus import FakeBus
 bus = FakeBus("{imu}", {period}, {spin})
+bus.has_high_g = {high_g}
 
 class FakeBoard:
     kind = boot_id = reset_cause = 0
@@ -74,6 +76,8 @@ values["rate_hz"] = {rate}
 values.update({settings})
 del sys.modules["settings"], settings
 UsbLink.wait = lambda self, ms: time.sleep_ms(ms)
+if "high_g_rate_hz" in values:
+    from high_g import HighGNode as Node
 link = UsbLink()
 board = FakeBoard(bus, values)
 watch()
@@ -136,6 +140,16 @@ CASES = {
         {"fifo": False, "bias_kind": 1, **WARM},
         (*POLLED, *KALMAN, *STATIC, *PSEUDO, *MEANS, "warm_up"),
     ),
+    "lsm6ds33-416-high-g": (
+        *("lsm6ds33", 416, 2370, 0),
+        {"high_g_rate_hz": 400},
+        (*FIFO, *STATIC, *KALMAN, *HIGH_G),
+    ),
+    "lsm6ds33-833-table-rls-high-g": (
+        *("lsm6ds33", 833, 1200, 0),
+        {"bias_kind": 2, "table_rate_udps": 1400000, "filter_kind": 2, "high_g_rate_hz": 400},
+        (*FIFO, *PSEUDO, *MEANS, *RLS, *HIGH_G),
+    ),
     "mpu6050-1000-table-rls": (
         *("mpu6050", 1000, 1003, 0),
         {"bias_kind": 2, "table_rate_udps": 1400000, "filter_kind": 2},
@@ -171,7 +185,7 @@ def run(folder, case):
     """Run a case; return its result and the stream sent."""
     imu, rate, period, spin, settings, modules = CASES[case]
     imports = [f"import {name}\nwatch()" for name in dict.fromkeys((f"drivers.{imu}", *MODULES, *modules))]
-    bus = BUS.format(imu=imu, period=period, spin=spin)
+    bus = BUS.format(imu=imu, period=period, spin=spin, high_g="high_g_rate_hz" in settings)
     board = BOARD.format(rate=rate, settings=repr(settings))
     node = [piece.format(samples=8192 if spin else 2000) for piece in NODE]
     locked = RUN_LOCKED.format(samples=samples_of(case))

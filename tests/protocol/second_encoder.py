@@ -39,6 +39,7 @@ PAYLOADS = {
         ("rssi_dbm", 1, True, 1),
         ("requests_dropped", 2, False, 1),
     ),
+    "HighG": (("t_us", 4, False, 1), ("period_ns", 4, False, 1), ("lsb_ng", 4, False, 1)),
     "Mag": (("t_us", 4, False, 1), ("field_raw", 2, True, 3)),
     "Filter": (
         ("t_us", 4, False, 1),
@@ -84,7 +85,7 @@ PAYLOADS = {
     "Reboot": (("mode", 1, False, 1),),
     "GetHello": (),
 }
-TABLES = {"Hello": ("parts", 1, False), "ImuBatch": ("samples", 2, True)}
+TABLES = {"Hello": ("parts", 1, False), "ImuBatch": ("samples", 2, True), "HighG": ("samples", 2, True)}
 
 
 def payload(message: str, values: dict) -> bytes:

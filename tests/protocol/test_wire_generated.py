@@ -15,11 +15,10 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture(scope="module")
 def node_names() -> dict:
-    source = (
-        (ROOT / "firmware" / "wire.py").read_text().replace("from micropython import const", "const = int")
-    )
     names: dict = {}
-    exec(source, names)
+    for file in ("wire.py", "wire_more.py"):
+        text = (ROOT / "firmware" / file).read_text()
+        exec(text.replace("from micropython import const", "const = int"), names)
     return names
 
 
@@ -40,6 +39,8 @@ def test_the_check_names_a_stale_file_in_one_line(monkeypatch, tmp_path, capsys)
     stale = tmp_path / "wire.py"
     stale.write_text(gen_wire.wire_module().replace("HELLO = const(0x01)", "HELLO = const(0x09)"))
     monkeypatch.setattr(gen_wire, "WIRE", stale)
+    monkeypatch.setattr(gen_wire, "WIRE_MORE", tmp_path / "wire_more.py")
+    (tmp_path / "wire_more.py").write_text(gen_wire.wire_more_module())
     monkeypatch.setattr(gen_wire, "ROOT", tmp_path)
     monkeypatch.setattr(gen_wire, "README", tmp_path / "README.md")
     empty = "".join(

@@ -15,7 +15,7 @@ from hubodo.flash.image import firmware_folder
 from hubodo.flash.node_settings import apply_calibration_to_config
 from hubodo.ingest.link.keys import KeyRing
 from hubowire import node_name
-from hubowire.messages import NODE_IDS
+from hubowire.messages import NODE_IDS, BiasKind
 
 CONFIG = "config.json"
 
@@ -97,6 +97,12 @@ def parse_settings(words: Iterable[str]) -> dict[str, object]:
         settings[name] = text if types[name] is str else value
         if type(settings[name]) is not types[name]:
             raise InputError(f"--set {word}: {name} must be {types[name].__name__}, see firmware/README.md")
+    takes_heap = settings.get("warmup_udps") or settings.get("bias_kind") == BiasKind.GRAVITY
+    if settings.get("high_g_rate_hz") and takes_heap:
+        raise InputError(
+            "--set high_g_rate_hz: with warmup_udps or bias_kind 3 less than 8 kB of the node's heap "
+            "would be left; leave out one of them"
+        )
     return settings
 
 

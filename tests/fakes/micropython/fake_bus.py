@@ -1,4 +1,4 @@
-"""A fake I2C bus with one IMU and a LIS3MDL that allocates nothing: just enough to feed the sampling path.
+"""A fake I2C bus with an IMU, a LIS3MDL and an ADXL375 that allocates nothing: enough to feed the sampling.
 
 Sample k, counted from the first read on, is (k % 32, -(k % 32), k % 7, -(k % 5), 700, 1900). For an LSM6DS33
 on a turning wheel it is (k % 32, -(k % 32), SPIN + k % 7, ax, ay, 0): gravity turns once in 1000 samples.
@@ -23,6 +23,8 @@ class FakeBus:
         for i in range(100 if spins else 0):
             self.gravity[2 * i] = round(2049 * math.cos(0.02 * math.pi * i))
             self.gravity[2 * i + 1] = round(-2049 * math.sin(0.02 * math.pi * i))
+        self.has_high_g = False
+        self.high_g_us = 0
         self.is_st = imu in ("lsm6ds33", "lsm6dso")
         self.address = 0x6B if self.is_st else 0x68
         self.period_us = period_us
@@ -42,12 +44,11 @@ class FakeBus:
         return self.made
 
     def writeto(self, address, buffer):
-        if address != self.address and address != 0x1E:
+        if address != self.address and address != 0x1E and (address != 0x53 or not self.has_high_g):
             raise OSError(5)
 
     def writeto_mem(self, address, register, buffer):
-        if address != self.address and address != 0x1E:
-            raise OSError(5)
+        self.writeto(address, buffer)
         value = buffer[0]
         if address == self.address:
             if self.is_st and register == 0x12:
@@ -62,6 +63,8 @@ class FakeBus:
         time.run(60 + 23 * len(buffer))
         if address == 0x1E:
             self._magnetometer(register, buffer)
+        elif address == 0x53 and self.has_high_g:
+            self._adxl375(register, buffer)
         elif address != self.address:
             raise OSError(5)
         elif self.imu == "lsm6ds33":
@@ -81,6 +84,22 @@ class FakeBus:
                 buffer[i] = i + 1
         else:
             buffer[0] = self.registers[address_of(0x1E, register)]
+
+    def _adxl375(self, register, buffer):
+        """A FIFO of 32 samples at 400 Hz."""
+        if register == 0x00:
+            buffer[0] = 0xE5
+        elif register == 0x39:
+            waiting = time.ticks_diff(time.ticks_us(), self.high_g_us) // 2500
+            if waiting > 32:
+                self.high_g_us = time.ticks_add(self.high_g_us, (waiting - 32) * 2500)
+            buffer[0] = min(waiting, 32)
+        elif register == 0x32:
+            self.high_g_us = time.ticks_add(self.high_g_us, 2500)
+            for i in range(6):
+                buffer[i] = i + 1
+        else:
+            buffer[0] = self.registers[address_of(0x53, register)]
 
     def _lsm6ds33(self, register, buffer):
         if register == 0x0F:

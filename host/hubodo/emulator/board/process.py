@@ -23,6 +23,7 @@ from hubodo.emulator.board.radio import RadioModule
 from hubodo.emulator.board.radio_medium import RadioMedium
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host, SensorBoard
 from hubodo.emulator.board.spi_sensor import SpiSensor
+from hubodo.emulator.chips.adxl375 import Adxl375
 from hubodo.emulator.chips.catalogue import MAG_CHIPS, imu_by_name
 from hubodo.emulator.chips.faults import ScriptedFault, WrongWhoAmI
 from hubodo.emulator.chips.registers import RegisterChip
@@ -60,6 +61,8 @@ def build_board(spec: NodeSpec) -> tuple[VirtualBoard, dict[str, RegisterChip]]:
     chips: dict[str, RegisterChip] = {"imu": imu}
     if sensors.magnetometer:
         chips["mag"] = MAG_CHIPS[sensors.magnetometer_chip](spec.motion, specimen)
+    if sensors.high_g:
+        chips["high_g"] = Adxl375(spec.motion, specimen)
     link: HostLink = (
         MemoryLink(host.script, host.read_pauses) if host.link == "memory" else PtyLink(host.path)
     )

@@ -43,6 +43,7 @@ class SensorBoard:
     chip : name of the IMU, see `chips.catalogue`.
     magnetometer : True if a magnetometer is on the bus as well.
     magnetometer_chip : its name, see `chips.catalogue`.
+    high_g : True if an ADXL375 is on the bus as well.
     specimen : deviations of the chips from their data sheets; seed and faults are set by the node, and
         register access is strict unless a chip has the identity of another one.
     wiring : wiring of the bus. "no_pull_ups": lines without pull-up resistors (or nothing connected); too
@@ -56,6 +57,7 @@ class SensorBoard:
     chip: str = "lsm6ds33"
     magnetometer: bool = True
     magnetometer_chip: str = "lis3mdl"
+    high_g: bool = False
     specimen: Specimen = field(default_factory=Specimen)
     wiring: Wiring = "good"
     log: bool = False

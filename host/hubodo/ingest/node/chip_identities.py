@@ -31,3 +31,6 @@ MAG_BY_IDENTITY = {
     (0x0C, 0x48): "AK8963",
 }
 """Magnetometers by address and identity."""
+
+HIGH_G_BY_IDENTITY = {(0x53, 0xE5): "ADXL375", (0x1D, 0xE5): "ADXL375"}
+"""Second accelerometers by address and identity."""

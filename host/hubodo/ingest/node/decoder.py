@@ -9,6 +9,7 @@ from typing import assert_never
 
 import numpy as np
 
+from hubodo.earth import STANDARD_GRAVITY
 from hubodo.ingest.node.bias_filter import decode_filter_report
 from hubodo.ingest.node.boot import (
     BatchTail,
@@ -24,6 +25,7 @@ from hubodo.ingest.node.outputs import (
     AnswerReceived,
     HealthReceived,
     HelloReceived,
+    HighGBlock,
     MagSample,
     NodeOutput,
     SignalReceived,
@@ -43,6 +45,7 @@ from hubowire.messages import (
     GetHello,
     Health,
     Hello,
+    HighG,
     ImuBatch,
     Mag,
     Nack,
@@ -67,7 +70,8 @@ _OVERRUN_FLAGS = int(BatchFlag.GAP_BEFORE | BatchFlag.FIFO_OVERRUN)
 _RATE_CHANGED, _SATURATED = int(BatchFlag.RATE_CHANGED), int(BatchFlag.SATURATED)
 _SAMPLE_INDICES = np.arange(256)
 _STREAM_NAMES = {
-    message.type_id: message.__name__ for message in (Hello, ImuBatch, Mag, Filter, Health, TimeReply, Signal)
+    message.type_id: message.__name__
+    for message in (Hello, ImuBatch, Mag, Filter, Health, TimeReply, Signal, HighG)
 }
 
 DecoderOutput = NodeOutput | GapGroup | Event
@@ -332,6 +336,11 @@ class NodeDecoder:
             case Mag():
                 x, y, z = (value * boot.hello.mag_lsb_ft * 1e-15 for value in message.field_raw)
                 yield MagSample(boot.ticks.unwrap(message.t_us, t_ns) * 1000, (x, y, z), t_ns)
+            case HighG() if message.samples:
+                last_ns = boot.ticks.unwrap(message.t_us, t_ns) * 1000
+                ages = np.arange(len(message.samples) - 1, -1, -1, dtype=np.int64)
+                accel = np.array(message.samples) * (message.lsb_ng * 1e-9 * STANDARD_GRAVITY)
+                yield HighGBlock(last_ns - ages * message.period_ns, accel, t_ns)
             case TimeReply():
                 received = boot.ticks.unwrap(message.received_us, t_ns)
                 sent = boot.ticks.unwrap(message.sent_us, t_ns)
@@ -351,7 +360,7 @@ class NodeDecoder:
             case Ack() | Nack():
                 reason = message.reason if isinstance(message, Nack) else None
                 yield AnswerReceived(message.request, message.request_seq, reason, t_ns)
-            case Hello() | ImuBatch():
+            case Hello() | ImuBatch() | HighG():
                 return  # handled before
             case TimeRequest() | Ping() | SetConfig() | Start() | Stop() | BiasInit() | Reboot() | GetHello():
                 return  # sent by another host on a shared line

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import IntEnum
 
-from hubodo.ingest.node.chip_identities import IMU_BY_WHO_AM_I, MAG_BY_IDENTITY
+from hubodo.ingest.node.chip_identities import HIGH_G_BY_IDENTITY, IMU_BY_WHO_AM_I, MAG_BY_IDENTITY
 from hubowire.messages import Hello, Part
 
 
@@ -50,4 +50,5 @@ def part_name(address: int, who_am_i: int, number: int) -> str:
     if number in set(Part):
         return Part(number).name
     chip = IMU_BY_WHO_AM_I.get(who_am_i)
-    return MAG_BY_IDENTITY.get((address, who_am_i), "unknown") if chip is None else chip.name
+    others = MAG_BY_IDENTITY | HIGH_G_BY_IDENTITY
+    return others.get((address, who_am_i), "unknown") if chip is None else chip.name

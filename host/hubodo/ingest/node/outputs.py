@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hubodo.log.records import ImuBlock, ImuRun
+from hubodo.arrays import Array
+from hubodo.log.records import ImuBlock, ImuRun, Times
 from hubowire.messages import Health, Hello, Signal
 
 Vector = tuple[float, float, float]
@@ -16,6 +17,15 @@ class MagSample:
 
     device_ns: int
     field: Vector
+    received_ns: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HighGBlock:
+    """Samples of a second accelerometer of larger range; device_ns: (N,), accel: (N, 3) m/s², node axes."""
+
+    device_ns: Times
+    accel: Array
     received_ns: int
 
 
@@ -107,6 +117,7 @@ NodeOutput = (
     ImuBlock
     | ImuRun
     | MagSample
+    | HighGBlock
     | TimeReplyReceived
     | HealthReceived
     | BiasFilterReport

@@ -12,11 +12,12 @@ from hubodo.ingest.node.clock import ClockSync
 from hubodo.ingest.node.health import SupplyHistory, read_supply
 from hubodo.ingest.node.life_events import power_on_event
 from hubodo.ingest.node.log_times import LogTimeSequence, RateWindow
-from hubodo.ingest.node.outputs import BiasFilterReport, HealthReceived, MagSample
+from hubodo.ingest.node.outputs import BiasFilterReport, HealthReceived, HighGBlock, MagSample
 from hubodo.ingest.node.slewed_times import SlewedTimes
 from hubodo.log.records import (
     Battery,
     BiasFilterRow,
+    Columns,
     EventRecord,
     ImuBlock,
     ImuRun,
@@ -33,8 +34,10 @@ _MAX_CLOCK_WAIT_NS = (
 )  # samples are held for the first clock replies; on a starved host they are late
 _MIN_CLOCK_REPLIES = 6  # a single reply may be late by a scheduling delay of a busy host
 _MAX_INITIAL_SIGMA_NS = NS_PER_S // 4  # above that of any link: the host itself reads late
-_REPORTS: tuple[type, ...] = (MagSample, BiasFilterReport, HealthReceived)
-TimedOutput = ImuBlock | MagSample | BiasFilterReport | HealthReceived  # logged at the time of measurement
+_REPORTS: tuple[type, ...] = (MagSample, HighGBlock, BiasFilterReport, HealthReceived)
+TimedOutput = (
+    ImuBlock | MagSample | HighGBlock | BiasFilterReport | HealthReceived
+)  # logged at the time of measurement
 
 
 class SamplePublisher:
@@ -156,15 +159,19 @@ class SamplePublisher:
     def _extend_span(self, first_ns: int, last_ns: int) -> None:
         self._span_ns = [self._span_ns[0] if self._span_ns else first_ns, last_ns]
 
-    def _log_report(self, report: MagSample | BiasFilterReport | HealthReceived) -> None:
+    def _log_report(self, report: MagSample | HighGBlock | BiasFilterReport | HealthReceived) -> None:
         """Log a report; one without samples and clock replies before it is dated by its arrival."""
+        device_ns = np.array(report.device_ns, np.int64).reshape(-1)
         if self._clock.source == "none":
-            self._clock.add_arrival(report.device_ns // 1000, report.received_ns)
+            self._clock.add_arrival(int(device_ns[-1]) // 1000, report.received_ns)
         times, log_ns = self._report_times[type(report)], report.received_ns
-        t_ns = times.to_host_ns(np.array([report.device_ns], np.int64))
+        t_ns = times.to_host_ns(device_ns)
         match report:
             case MagSample():
                 record: LogRecord = MagneticField(self._name, t_ns, log_ns, [report.field])
+            case HighGBlock():
+                accel = dict(zip(("ax", "ay", "az"), report.accel.T, strict=True))
+                record = Columns(f"high_g/{self._name}", t_ns, log_ns, accel)
             case BiasFilterReport():
                 record = BiasFilterRow(self._name, t_ns, log_ns, filter_report_columns(report))
             case HealthReceived():

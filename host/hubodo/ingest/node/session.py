@@ -23,6 +23,7 @@ from hubodo.ingest.node.outputs import (
     BiasFilterReport,
     HealthReceived,
     HelloReceived,
+    HighGBlock,
     MagSample,
     SignalReceived,
     TimeReplyReceived,
@@ -212,7 +213,7 @@ class NodeSession:
                 case GapGroup():
                     for event in output.to_events():
                         self._sink.write_record(EventRecord(self._count_gap(event)))
-                case MagSample():
+                case MagSample() | HighGBlock():
                     yield from self.samples.add(output)
                 case BiasFilterReport():
                     self.filter_report = output

@@ -30,7 +30,7 @@ from hubodo.log.records import ImuBlock
 from hubodo.recording import Event
 from hubodo.units import NS_PER_S
 from hubowire import FINGERPRINT, Frame, encode
-from hubowire.messages import BatchFlag, Filter, Health, Hello, ImuBatch, Mag, TimeReply
+from hubowire.messages import BatchFlag, Filter, Health, Hello, HighG, ImuBatch, Mag, TimeReply
 
 T0 = 1_700_000_000 * NS_PER_S
 HELLO = Hello(
@@ -290,6 +290,10 @@ def test_small_messages_are_scaled_and_unwrapped():
     out = list(decoder.decode_frame(talker.frame(Mag(1000, (100, -200, 300))), T0, QUIET))
     assert isinstance(out[0], MagSample)
     assert out[0].field == pytest.approx((1.4614e-6, -2.9228e-6, 4.3842e-6))
+    samples = ((100, -200, 20), (101, -201, 21))
+    out = list(decoder.decode_frame(talker.frame(HighG(9000, 2_500_000, 49_000_000, samples)), T0, QUIET))
+    assert out[0].device_ns.tolist() == [6_500_000, 9_000_000]
+    assert out[0].accel[1] == pytest.approx(np.array(samples[1]) * 0.049 * 9.80665)
     out = list(decoder.decode_frame(talker.frame(TimeReply(b"12345678", 5, 9)), T0, QUIET))
     assert isinstance(out[0], TimeReplyReceived)
 
