@@ -118,6 +118,13 @@ def test_what_is_missing_or_contradictory_is_named(tmp_path, capsys, options, wo
     assert words in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("shift", [1.5, -2.0, 4.0])
+def test_a_table_with_another_clock_is_refused(shift):
+    t, gyro, table = turn_table(np.random.default_rng(5), AXIS, seconds=8.0)
+    with pytest.raises(InputError, match="clocks of table and log differ"):
+        calibrate_rate(t, gyro, "imu", "z", RateOptions(table=(table[:, 0] + shift, table[:, 1])))
+
+
 def test_a_table_without_both_directions_or_asymmetry_is_refused_or_says_so():
     t, gyro, table = turn_table(np.random.default_rng(4), AXIS, steps_deg_s=(0, 50, 100, 150, 0), rounds=1)
     with pytest.raises(CalibrationError, match="both directions"):

@@ -8,12 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.errors import CalibrationError
+from hubodo.errors import CalibrationError, InputError
 from hubodo.sensors.imu.standstills import find_quiet_segments, mean_sigma
 
 SAME_RATE = 1e-3
 """Difference of two rates, relative to the largest, up to which they are one."""
 _MIN_PLATEAU_SAMPLES = 20
+_MAX_CHANGE_NOISE, _MAX_CHANGE_SHARE = 10.0, 0.01
+"""Scatter of the typical plateau, in white noise and as a share of the steps of rate, above which it is no
+plateau of the gyro.
+"""
 _MAX_SPREAD = 4.0
 """Scatter of the samples relative to the median plateau, beyond which a plateau was disturbed."""
 
@@ -81,6 +85,7 @@ def _evaluate(t: Array, gyro: Array, spans: Array, rates: Array, settle: float) 
         )
     scatter = np.array([np.diff(gyro[parts[k]]).std() for k in used])
     spread = np.array([gyro[parts[k]].std() for k in used])
+    _check_times(spread, scatter, rates[used])
     limit = _MAX_SPREAD * float(np.median(np.maximum(spread, scatter / np.sqrt(2.0))))
     calm = [k for k, s in zip(used, spread, strict=True) if s <= limit or limit == 0.0]
     notes = tuple(
@@ -101,3 +106,18 @@ def _evaluate(t: Array, gyro: Array, spans: Array, rates: Array, settle: float) 
         float(np.sqrt(np.mean(scatter_of_one**2))) / root_count,
         notes,
     )
+
+
+def _check_times(spread: Array, scatter: Array, rates: Array) -> None:
+    """Raise InputError if the gyro changes within the typical plateau: the times are not those of the table.
+
+    spread, scatter: (K,) standard deviations of the samples, and of their differences. rates: (K,) rad/s.
+    """
+    white = float(np.median(scatter)) / np.sqrt(2.0)
+    step = float(np.median(np.abs(np.diff(rates)))) if len(rates) > 1 else 0.0
+    typical = float(np.quantile(spread, 0.75))
+    if typical > max(_MAX_CHANGE_NOISE * white, _MAX_CHANGE_SHARE * step):
+        raise InputError(
+            f"the gyro changes by {np.degrees(typical):.3g} deg/s (1σ) while the table's rate is constant: "
+            "the clocks of table and log differ; correct the times, raise --settle, or give --rates-deg-s"
+        )
