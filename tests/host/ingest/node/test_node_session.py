@@ -1,11 +1,12 @@
-"""A node that sends reports but no samples and no clock replies."""
+"""A node that sends reports but no samples of its IMU and no clock replies."""
 
+import numpy as np
 import pytest
 
 from faults.line import T0, Line, Node
-from hubodo.log.records import Battery, BiasFilterRow
+from hubodo.log.records import Battery, BiasFilterRow, Columns
 from hubodo.units import NS_PER_S
-from hubowire.messages import Filter, Health
+from hubowire.messages import Filter, Health, HighG
 
 PERIOD = 1 << 30
 
@@ -41,3 +42,19 @@ def test_a_wrap_of_the_microseconds_gives_no_negative_time(last):
     assert "fault" not in sink.kinds()
     assert len(report_times(sink)) == 3
     assert all(abs(t_ns - T0) < 10 * NS_PER_S for t_ns in report_times(sink))
+
+
+def test_samples_of_a_second_accelerometer_are_logged_in_si_at_their_times():
+    line, node = Line(), Node()
+    line.receive(node.hello_frame())
+    samples = ((100, -200, 20), (101, -201, 21), (102, -202, 22))
+    for number in range(4):
+        frame = node.frame(HighG(100_000 + 7_500 * number, 2_500_000, 49_000_000, samples))
+        if number != 2:
+            line.receive(frame, seconds=0.0075)
+    sink = line.close()
+    blocks = [record for record in sink.records if isinstance(record, Columns)]
+    assert {block.name for block in blocks} == {"high_g/left"}
+    t_ns = np.concatenate([block.t_ns for block in blocks])
+    assert np.diff(t_ns).tolist() == pytest.approx([2.5e6] * 5 + [10e6] + [2.5e6] * 2)
+    assert blocks[0].columns["ay"] == pytest.approx(np.array([-200, -201, -202]) * 0.049 * 9.80665)
