@@ -164,7 +164,8 @@ def _is_accurate(finding: Finding, injection: Injection, recorded: Mapping[str, 
         expected = (estimate.model_value or recorded.get(name, 0.0)) + injected
         error = abs(estimate.value - expected)
         tolerance = MAX_ERROR_SHARE * (abs(injected) if len(injection.parameters) == 1 else size)
-        if error > max(tolerance, MAX_ERROR_SIGMA * (estimate.sigma or 0.0)) and name != "time_constant":
+        is_secondary = name == "time_constant" and len(injection.parameters) > 1
+        if error > max(tolerance, MAX_ERROR_SIGMA * (estimate.sigma or 0.0)) and not is_secondary:
             return False
     return True
 

@@ -6,12 +6,15 @@ import pytest
 import wanted
 from gap_matrix.make_case import write_case
 from gap_runs import run_gap
+from hubodo.effects import BY_NAME
 from hubodo.gap.judge.round import judge_round
 from hubodo.gap.judge.search import build_initial_state
 from hubodo.gap.problem.build import build_problem
 from hubodo.gap.process_noise.residual import compute_gap
 from hubodo.gap.refit.refit import refit_with_weights
-from hubodo.gap.workflow import _MAX_MINOR_CHANGE, _best_stage
+from hubodo.gap.state.state import State
+from hubodo.gap.state.terms import ModelTerm
+from hubodo.gap.workflow import _MAX_MINOR_CHANGE, _best_stage, _with_refinements_last
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
 from repetitions import first_and_more
@@ -87,6 +90,17 @@ def test_of_a_search_whose_gap_grew_the_best_part_remains():
     assert _best_stage([3.0, 2.0, 1.0], [3.0, 2.5, 3.2]) == 1
     assert _best_stage([3.0, 3.5], [3.0, 3.5]) == 0
     assert _best_stage([3.0, 2.0], [np.nan, np.nan]) == 1
+
+
+def test_refinements_of_the_model_are_given_up_before_new_effects(problem):
+    bias, lag = (BY_NAME[name]() for name in ("gyro_bias", "gyro_lag"))
+    given = State(problem, (ModelTerm(bias, "left", is_fitted=False),))
+    terms = [ModelTerm(bias, "left"), ModelTerm(lag, "left"), ModelTerm(bias, "right")]
+    assert [term.key for term in _with_refinements_last(given, terms)] == [
+        ("gyro_lag", "left"),
+        ("gyro_bias", "right"),
+        ("gyro_bias", "left"),
+    ]
 
 
 def test_an_effect_that_the_held_out_condition_does_not_show_stays():
