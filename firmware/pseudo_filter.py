@@ -37,13 +37,15 @@ def difference(d, rate_q12):
         top += high * high
         middle += high * low
         bottom += low * low
-    # top 2^28 + middle 2^15 + bottom, in units of 2^-24.
-    if not -(1 << 15) < top < 1 << 15:
-        return number(top + (middle >> 13), 4)
+    # top 2^28 + middle 2^15 + bottom, in units of 2^-24; their sum may be much smaller than each of them.
+    high = top + (middle >> 13)
+    if not -(1 << 15) < high < 1 << 15:
+        return number(high, 4)
     middle += top << 13
-    if -(1 << 13) < middle < 1 << 13:
+    high = middle + (bottom >> 15)
+    if -(1 << 13) < high < 1 << 13:
         return number((middle << 15) + bottom, -24)
-    return number(middle + (bottom >> 15), -9)
+    return number(high, -9)
 
 
 class PseudoFilter:

@@ -212,16 +212,31 @@ def test_the_initialisation_starts_from_the_known_bias_and_follows_the_warm_up()
     assert np.array(init.bias_q14) / 2**14 == pytest.approx(np.full(3, 22.0), abs=0.15)
 
 
+N_CANCELLING = 2000
 NUMBERS = st.integers(-(1 << 29) + 1, (1 << 29) - 1)
 
 
 @hypothesis_settings(max_examples=200)
 @given(st.tuples(*[st.integers(-(1 << 27), 1 << 27)] * 3), st.integers(0, (1 << 27) - 1))
+@example((0, 11656, 11720), 19814)  # The digits of 14 bits cancel.
+@example((0, 4_194_303, 4_194_303), 5_931_641)
 def test_the_difference_of_squares_is_exact_to_its_own_precision(d, rate):
     result = value(pseudo_filter.difference([SmallInt(x) for x in d], SmallInt(rate)))
     exact = (sum(x * x for x in d) - rate * rate) / 2**24
     # Tolerance: 2^-13 of truncation, and the rounding of a small float.
     assert result == pytest.approx(exact, rel=2e-4, abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", first_and_more(1, 2, 3))
+def test_the_difference_of_squares_is_exact_where_its_digits_cancel(seed):
+    rng = np.random.default_rng(seed)
+    for _ in range(N_CANCELLING):
+        size = 1 << int(rng.integers(1, 27))
+        d = [int(it) for it in rng.integers(-size, size + 1, 3)]
+        rate = max(0, math.isqrt(sum(x * x for x in d)) + int(rng.integers(-size // 64 - 2, size // 64 + 3)))
+        exact = (sum(x * x for x in d) - rate * rate) / 2**24
+        result = value(pseudo_filter.difference([SmallInt(x) for x in d], SmallInt(rate)))
+        assert result == pytest.approx(exact, rel=2e-4, abs=1e-9), (d, rate)
 
 
 @hypothesis_settings(max_examples=40, deadline=None)
