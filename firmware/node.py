@@ -296,10 +296,14 @@ def main():
 
 
 def _run(board, link):
-    import node_choice
+    # The file of rare choices delays Hello, so it is loaded only where one of them may be set.
+    if "receiver" in board.settings:
+        import node_choice
 
-    node = node_choice.create(board, link)
-    del sys.modules["node_choice"], node_choice
+        node = node_choice.create(board, link)
+        del sys.modules["node_choice"], node_choice
+    else:
+        node = Node(board, link)
     board.start_watchdog()
     while node.leave is None:
         node.step()
