@@ -31,8 +31,8 @@ RECEIVERS = {
     "RTK": (Receiver(), 0.1),
     "RTK that jumps": (Receiver(jumps=2), 0.1),
     "RTK with excursions": (Receiver(excursions=5), 0.1),
-    "RTK that wanders": (Receiver(slow=0.15, memory=8.0), 0.1),
-    "RTK that wanders, with jumps and excursions": (
+    "RTK with slow errors": (Receiver(slow=0.15, memory=8.0), 0.1),
+    "RTK with slow errors, jumps and excursions": (
         Receiver(slow=0.12, memory=8.0, jumps=1, excursions=5),
         0.1,
     ),

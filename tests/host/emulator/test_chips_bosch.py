@@ -34,7 +34,7 @@ def sampling(which):
 
 
 def burst(chip, t, register, n, parts):
-    """Return a burst of n bytes that the bus transfers in so many parts."""
+    """Return a burst of n bytes, read in `parts` transfers."""
     chip.set_pointer(register)
     edges = np.linspace(0, n, parts + 1).astype(int)
     return b"".join(chip.read(t, int(size), 22e-6) for size in np.diff(edges))

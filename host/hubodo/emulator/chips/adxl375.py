@@ -58,7 +58,7 @@ class Adxl375(RegisterChip):
         super().__init__("high_g", address, REGISTERS, (DEVID, 0xE5), faults, strict=specimen.strict)
 
     def power_on(self, t: float) -> None:
-        """Reset the registers at t: no samples until the chip is told to measure."""
+        """Reset the registers at t: no samples until the chip is set to measure."""
         super().power_on(t)
         self.clock.stop()
         self._fifo: list[bytes] = []
