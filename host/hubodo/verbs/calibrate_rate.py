@@ -27,6 +27,7 @@ from hubodo.sensors.rate_table.calibrate import RateOptions, calibrate_rate
 from hubodo.sensors.rate_table.result import RateCalibration
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, stated_input_format
 from hubodo.verbs.numbers import latitude, non_negative_number, positive_number
+from hubodo.verbs.outputs import add_calibration_output
 from hubodo.verbs.standstill import choose_node
 
 HELP = "scale, asymmetry, nonlinearity and hysteresis of a gyro axis, from the rates of a rate table"
@@ -74,14 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="latitude of a table with a vertical axis, upwards for positive rates; takes Earth rate "
         "off the bias",
     )
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        required=True,
-        metavar="TOML",
-        help="calibration file to create or extend",
-    )
+    add_calibration_output(parser)
 
 
 def run(args: argparse.Namespace) -> RateCalibration:

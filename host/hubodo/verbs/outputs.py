@@ -28,6 +28,18 @@ def html_path(text: str) -> Path:
     return Path(text)
 
 
+def add_calibration_output(parser: argparse.ArgumentParser) -> None:
+    """Add --output, the calibration file to which a calibration adds its results."""
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        metavar="TOML",
+        help="calibration file to create or extend",
+    )
+
+
 def add_force_option(
     parser: argparse.ArgumentParser, *destinations: str, own_files: Sequence[str] = ()
 ) -> None:
