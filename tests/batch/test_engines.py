@@ -76,6 +76,19 @@ def test_a_log_that_kills_every_worker_is_a_failed_row_and_is_retried(logs, tmp_
     assert (again["fresh"], again["done"], again["failed"]) == (1, LOGS // 3 + 1, 0)
 
 
+def test_a_log_that_waits_at_a_worker_that_dies_is_not_blamed(logs, tmp_path, monkeypatch):
+    """The killer comes first, so each death finds its neighbours assigned to the same worker."""
+    import dask
+
+    killer = write(tmp_path, FleetLog("van-9", 1.0, seed=99)).rename(tmp_path / "killer.mcap")
+    monkeypatch.setattr("hubodo.verbs.batch.run_on_log", _die_at_killer)
+    settings = {"distributed.scheduler.allowed-failures": 0, "distributed.scheduler.worker-saturation": 4.0}
+    with dask.config.set(settings):
+        done = batch([killer, logs / "van-0"], tmp_path / "out", "--workers", 1, verb="info")
+    assert (done["done"], done["failed"]) == (LOGS // 3, 1)
+    assert done["errors"][0]["log"] == str(killer)
+
+
 def _die_at_killer(verb, options, log, folder):
     if log.name == "killer.mcap":
         os.kill(os.getpid(), signal.SIGKILL)

@@ -74,6 +74,22 @@ def examine_each(
     if client is None:
         yield from ((location, examine(location)) for location in locations)
         return
+    suspects = []
+    for location, outcome in _distribute(client, examine, locations):
+        if _lost_its_worker(outcome):
+            suspects.append(location)
+        else:
+            yield location, _row_of(outcome)
+    # Dask blames each log that waited at a worker that died; one that dies again alone is the cause.
+    for suspect in suspects:
+        for location, outcome in _distribute(client, examine, [suspect]):
+            yield location, _row_of(outcome)
+
+
+def _distribute(
+    client: Client, examine: Callable[[LogLocation], dict[str, Any]], locations: Sequence[LogLocation]
+) -> Iterator[tuple[LogLocation, dict[str, Any] | BaseException]]:
+    """Yield each log with its row or with the error that ended its task, as they finish."""
     from distributed import as_completed
 
     run = uuid.uuid4().hex
@@ -82,19 +98,26 @@ def examine_each(
     completed = as_completed(futures, with_results=True, raise_errors=False)
     del futures
     for future, outcome in completed:
-        location = location_by_key[future.key]
         if future.status == "finished":
-            yield location, outcome
+            yield location_by_key[future.key], outcome
         elif future.status == "error":
-            yield location, {"status": FAILED, "error": _explain_lost_task(outcome[1])}
+            yield location_by_key[future.key], outcome[1]
         else:
             raise LinkError("the scheduler is gone; repeat the command to continue with the unfinished logs")
         future.release()
 
 
-def _explain_lost_task(error: BaseException) -> str:
+def _row_of(outcome: dict[str, Any] | BaseException) -> dict[str, Any]:
+    if not isinstance(outcome, BaseException):
+        return outcome
+    if _lost_its_worker(outcome):
+        cause = "its worker died each time; if memory ran out, give each worker more (--memory-limit)"
+    else:
+        cause = f"{type(outcome).__name__}: {' '.join(str(outcome).split())}"
+    return {"status": FAILED, "error": cause}
+
+
+def _lost_its_worker(outcome: object) -> bool:
     from distributed.scheduler import KilledWorker
 
-    if isinstance(error, KilledWorker):
-        return "its worker died each time; if memory ran out, give each worker more (--memory-limit)"
-    return f"{type(error).__name__}: {' '.join(str(error).split())}"
+    return isinstance(outcome, KilledWorker)
