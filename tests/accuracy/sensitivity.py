@@ -53,7 +53,6 @@ DEFAULTS = (WheelNoise, StandstillLimits)
 LAYOUT = {
     *("WINDOW_S", "ALIGNMENT_WINDOWS", "N_ROWS", "MISSING", "HISTORY_WINDOWS", "BOTH_WHEELS"),
     *(
-        "CHECKPOINT_STEPS",
         "GYRO_SCALE_COVARIANCE",
         "UNIFORM_ANGLE_SIGMA",
         "_FULL_TURN",

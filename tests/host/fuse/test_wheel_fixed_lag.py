@@ -7,10 +7,9 @@ import pytest
 
 from accuracy import slip
 from hubodo.fuse.wheel.filter import ALIGNMENT_WINDOWS
-from hubodo.fuse.wheel.filter_core import CHECKPOINT_STEPS
 from hubodo.fuse.wheel.fixed_lag import smooth_with_lag
 from hubodo.fuse.wheel.slip_schedule import SlipSchedule
-from hubodo.fuse.wheel.smoother import smooth_whole_log
+from hubodo.fuse.wheel.smoother import run_second_pass, smooth_whole_log
 from hubodo.fuse.wheel.track import run_wheel_filter, track_from_poses
 from hubodo.recording import Table
 from wheel_runs import config, short_loop, tables
@@ -58,14 +57,16 @@ def test_a_longer_lag_never_increases_the_heading_sigma_and_keeps_the_last_pose(
     assert [tracks[2].x[-1], tracks[2].y[-1]] == pytest.approx([tracks[0].x[-1], tracks[0].y[-1]], abs=1e-6)
 
 
-def test_the_blocks_of_a_first_pass_without_slip_are_those_of_a_second_pass() -> None:
+def test_the_terms_of_a_first_pass_without_slip_are_those_of_a_second_pass() -> None:
     drive = short_loop(9)
     run = run_wheel_filter(config(drive), tables(drive), lag=np.inf)
-    core, steps, checkpoints = run.filter.core, run.filter.recorded_steps, run.filter.checkpoints
-    assert steps is not None and checkpoints is not None
-    assert core.is_single_pass and len(checkpoints) == -(-len(steps) // CHECKPOINT_STEPS) > 1
-    second_pass = track_from_poses(smooth_whole_log(core, [], steps, ALIGNMENT_WINDOWS))
-    for name in ("x", "y", "heading", "speed", "yaw_rate", "covariance"):
+    core, steps = run.filter.core, run.filter.recorded_steps
+    assert steps is not None and core.is_single_pass
+    poses, terms = run_second_pass(core, steps, ALIGNMENT_WINDOWS)
+    assert len(terms) == len(steps)
+    second_pass = track_from_poses(smooth_whole_log(poses, terms, core.pose_columns))
+    assert terms == []
+    for name in ("x", "y", "heading", "speed", "yaw_rate"):
         np.testing.assert_array_equal(getattr(run.track, name), getattr(second_pass, name))
 
 

@@ -1,7 +1,5 @@
 """Layout of the rows of all wheels in one Jacobian, against a Jacobian filled entry by entry."""
 
-import copy
-
 import numpy as np
 import pytest
 
@@ -40,8 +38,3 @@ def test_rows_that_compare_wheels_come_after_those_of_all_single_wheels() -> Non
     assert max(single) < min(between)
     assert sorted(single + between) == list(range(rows.count))
     assert sorted(rows.rows_of_wheel(0) + rows.rows_of_wheel(1)) == list(range(rows.count))
-
-
-def test_a_copy_of_a_filter_shares_the_scratch_space() -> None:
-    rows = MeasurementRows(StateLayout(1))
-    assert copy.deepcopy(rows) is rows

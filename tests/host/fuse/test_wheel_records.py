@@ -7,7 +7,7 @@ import pytest
 
 from hubodo.fuse.wheel.entries import HEADING
 from hubodo.fuse.wheel.filter_core import FilterCore
-from hubodo.fuse.wheel.records import History, StepRecord
+from hubodo.fuse.wheel.records import History, MeasurementTerms, StepRecord
 from hubodo.fuse.wheel.state_vector import Correction, ExternalCorrection, StateReset, WindowCorrection
 from wheel_runs import config, short_loop
 
@@ -47,13 +47,22 @@ def test_only_a_window_correction_keeps_the_history_replayable(
 ) -> None:
     core = FilterCore(config(short_loop(1)))
     core.history.append(StepRecord(0, (), (), [], np.empty(0)))
-    n, column = len(core.x), core.columns.vehicle[HEADING]
-    change, reduction = np.zeros(n), np.zeros((n, n))
-    change[column], reduction[column, column] = 0.3, -0.2
-    before = core.x[column], core.p[column, column]
-    core.apply(kind(change, reduction))
-    assert (core.x[column], core.p[column, column]) == pytest.approx((before[0] + 0.3, before[1] + 0.2))
+    column = core.columns.vehicle[HEADING]
+    h, before = np.eye(len(core.x))[column], (core.x[column], core.p[column, column])
+    core.changes = []
+    terms = MeasurementTerms.of_row(0.3, h, 0.2 * h, 4.0)
+    core.apply(kind(terms))
+    assert (core.x[column], core.p[column, column]) == pytest.approx((before[0] + 0.015, before[1] - 0.01))
     assert core.history.is_replayable == replayable
+    assert core.changes == [terms]
+
+
+def test_an_inflation_is_not_replayable_and_no_change_for_smoothing() -> None:
+    core = FilterCore(config(short_loop(1)))
+    core.history.append(StepRecord(0, (), (), [], np.empty(0)))
+    core.changes = []
+    core.inflate({HEADING: 0.5})
+    assert not core.history.is_replayable and core.changes == []
 
 
 def test_a_state_reset_ends_the_replayable_history() -> None:

@@ -7,8 +7,8 @@ import pytest
 
 from hubodo.fuse.wheel.fixed_lag import FixedLagSmoother
 from hubodo.fuse.wheel.motion_state import MotionState
-from hubodo.fuse.wheel.records import Pose, SmoothingTerms
-from hubodo.fuse.wheel.smoother import smooth_step, smoothed_pose
+from hubodo.fuse.wheel.records import MeasurementTerms, Pose, SmoothingTerms, StateChange, StateTransition
+from hubodo.fuse.wheel.smoother import smooth_whole_log
 
 SIZE, STEPS = 7, 6
 POSE_COLUMNS = [1, 0, 2, 4, 6]
@@ -53,26 +53,28 @@ class LinearChain:
         """Return pose and smoothing terms of every step of a Kalman filter."""
         x, p, records = np.zeros(SIZE), np.eye(SIZE), []
         for step in range(STEPS):
-            if step:
-                f = self.transition_to(step)
-                x, p = f @ x, f @ p @ f.T + self.noise[step]
-            before = x.tolist(), p.copy()
+            changes: list[StateChange] = []
+            if step == 2:
+                changes.append(StateTransition([3]))
+            if step == 3:
+                changes.append(StateTransition.of_rows([5], self.combination))
+            if step == 4:
+                changes.append(StateTransition.of_rows(range(SIZE), self.outage_transition))
             h = self.h[step]
-            gain = p @ h / (h @ p @ h + 0.5)
-            x, p = x + gain * (self.z[step] - h @ x), p - np.outer(gain, h @ p)
-            terms = SmoothingTerms(
-                *before,
-                x.tolist(),
-                p.copy(),
-                [3] if step == 2 else [],
-                self.f[step],
-                self.inflation[step],
-                (5, self.combination) if step == 3 else None,
-                self.outage_transition if step == 4 else None,
-            )
-            pose = Pose(
-                0.1 * step, *(self.f[step] @ x)[POSE_COLUMNS], np.zeros((5, 5)), MotionState.MOVING, 1.0, 2
-            )
+            changes.append(MeasurementTerms.of_row(0.0, h, h, 1.0))
+            changes.append(StateTransition.of_rows(range(SIZE), self.f[step]))
+            for number, change in enumerate(changes):
+                if isinstance(change, StateTransition):
+                    f = np.eye(SIZE)
+                    f[change.columns] = change.rows(SIZE)
+                    x, p = f @ x, f @ p @ f.T
+                else:
+                    p = p + self.noise[step] if step else p
+                    s, residual = h @ p @ h + 0.5, self.z[step] - h @ x
+                    changes[number] = MeasurementTerms.of_row(residual, h, p @ h, s)
+                    x, p = x + p @ h / s * residual, p - np.outer(p @ h, p @ h) / s
+            terms = SmoothingTerms(changes, p[POSE_COLUMNS], self.inflation[step])
+            pose = Pose(0.1 * step, *x[POSE_COLUMNS], np.zeros((5, 5)), MotionState.MOVING, 1.0, 2)
             records.append((pose, terms))
         return records
 
@@ -131,44 +133,13 @@ def test_a_fixed_lag_pose_uses_the_measurements_up_to_lag_steps_later(
             assert np.array_equal(pose.covariance, pose.covariance.T)
 
 
-def test_backward_steps_give_the_joint_estimate_of_all_measurements(linear_chain: LinearChain) -> None:
-    records = linear_chain.filtered()
-    mean, covariance = linear_chain.joint(STEPS - 1)
-    x, p = np.array(records[-1][1].x), records[-1][1].p
-    for step in reversed(range(STEPS)):
-        if step < STEPS - 1:
-            x, p = smooth_step(records[step][1], records[step + 1][1], x, p, [])
-            assert np.array_equal(p, p.T)
-        block = slice(SIZE * step, SIZE * (step + 1))
-        np.testing.assert_allclose(x, mean[block], atol=1e-7)
-        np.testing.assert_allclose(p, covariance[block, block], atol=1e-7)
-        pose = smoothed_pose(*records[step], x, p, POSE_COLUMNS)
-        expected, expected_covariance = linear_chain.pose(step, STEPS - 1)
-        np.testing.assert_allclose(pose[1:6], expected, atol=1e-7)
-        np.testing.assert_allclose(pose.covariance, expected_covariance, atol=1e-7)
-        assert pose.t == records[step][0].t
-
-
-@pytest.mark.parametrize("n_turns", [1.0, -2.0])
-def test_backward_steps_ignore_full_turns_of_a_wheel_angle(linear_chain: LinearChain, n_turns: float) -> None:
-    (_, earlier), (_, later) = linear_chain.filtered()[:2]
-    x, p = np.array(later.x), later.p
-    turned = x.copy()
-    turned[4] += 2.0 * np.pi * n_turns
-    states = smooth_step(earlier, later, turned, p, [4])[0]
-    assert states == pytest.approx(smooth_step(earlier, later, x, p, [4])[0])
-    assert np.abs(states - smooth_step(earlier, later, turned, p, [])[0]).max() > 0.01
-
-
-def test_a_state_of_zero_variance_does_not_change_the_past() -> None:
-    linear_chain = LinearChain(3)
-    (_, earlier), (_, later) = linear_chain.filtered()[:2]
-    singular = later.prior_p.copy()
-    singular[4], singular[:, 4] = 0.0, 0.0
-    posterior = singular.copy()
-    singular_terms = later._replace(prior_p=singular, p=posterior)
-    x = np.array(later.prior_x)
-    x[4] += 100.0
-    smoothed, covariance = smooth_step(earlier, singular_terms, x, posterior, [])
-    np.testing.assert_allclose(smoothed, earlier.x, atol=1e-9)
-    np.testing.assert_allclose(covariance, earlier.p, atol=1e-9)
+def test_the_backward_pass_gives_the_joint_estimate_of_all_measurements(linear_chain: LinearChain) -> None:
+    poses, terms = map(list, zip(*linear_chain.filtered(), strict=True))
+    smoothed = smooth_whole_log(poses, terms, POSE_COLUMNS)
+    assert terms == []
+    for step, pose in enumerate(smoothed):
+        mean, covariance = linear_chain.pose(step, STEPS - 1)
+        np.testing.assert_allclose(pose[1:6], mean, atol=1e-12)
+        np.testing.assert_allclose(pose.covariance, covariance, atol=1e-12)
+        assert np.array_equal(pose.covariance, pose.covariance.T)
+        assert (pose.t, pose.nis, pose.dof) == (poses[step].t, 1.0, 2)

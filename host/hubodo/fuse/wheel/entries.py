@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 from hubodo.earth import STANDARD_GRAVITY
 from hubodo.effects.accel import AccelBias, AccelNonorthogonality
@@ -58,9 +58,6 @@ class Entry:
 
     def __str__(self) -> str:
         return f"{self.effect}.{self.parameter}"
-
-    def __deepcopy__(self, memo: Any) -> Entry:
-        return self
 
     def sign(self, facing: Facing) -> float:
         """Return -1.0 if a node facing right has the negated parameter of one facing left, else 1.0."""

@@ -32,10 +32,10 @@ from hubodo.fuse.wheel.entries import (
     WHEEL_RADIUS,
     YAW_RATE_FROM_GRAVITY,
 )
-from hubodo.fuse.wheel.filter_core import CHECKPOINT_STEPS, FilterCore
+from hubodo.fuse.wheel.filter_core import FilterCore
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.preintegration import WindowBuilder
-from hubodo.fuse.wheel.records import Pose, StepInput
+from hubodo.fuse.wheel.records import Pose, SmoothingTerms, StepInput
 from hubodo.fuse.wheel.surface_speeds import SurfaceSpeeds
 from hubodo.fuse.wheel.wheel import Wheel
 from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOWS_PER_SECOND, Window
@@ -131,7 +131,7 @@ class WheelFilter:
         self._next_speed_number: int | None = None  # None if speeds do not arrive live
         self.core = FilterCore(config)
         self.recorded_steps: list[StepInput] | None = None
-        self.checkpoints: list[FilterCore] | None = None
+        self.smoothing_terms: list[SmoothingTerms] | None = None
         self._builders = {
             name: WindowBuilder(node.facing, 0.0, node.gyro_limit, node.accel_limit)
             for name, node in config.nodes.items()
@@ -144,6 +144,11 @@ class WheelFilter:
         self._last_samples: dict[str, WheelSample] = {}
         self._sample_rates: dict[str, _SampleRates] = {}
         self._pose: Pose | None = None
+
+    def record_for_smoothing(self) -> None:
+        """Record all steps, and their smoothing terms as long as a second pass would repeat them."""
+        self.recorded_steps, self.smoothing_terms = [], []
+        self.core.changes = []
 
     def handle(self, sample: WheelSample) -> FilterOutput:
         """Process one sample; samples of different nodes may come in any order."""
@@ -308,10 +313,12 @@ class WheelFilter:
         for _ in range(len(self._due) if max_steps is None else min(max_steps, len(self._due))):
             step = self._due.popleft()
             if self.recorded_steps is not None:
-                if self.checkpoints is not None and len(self.recorded_steps) % CHECKPOINT_STEPS == 0:
-                    self.checkpoints.append(self.core.copy_for_second_pass())
                 self.recorded_steps.append(step)
             poses.append(self.core.step(step, ALIGNMENT_WINDOWS))
+            if self.smoothing_terms is not None:
+                self.smoothing_terms.append(self.core.newest_terms)
+                if not self.core.is_single_pass:
+                    self.smoothing_terms = self.core.changes = None
         if poses:
             self._pose = poses[-1]
             self._sample_rates.clear()

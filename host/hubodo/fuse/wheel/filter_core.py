@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -31,6 +30,7 @@ from hubodo.fuse.wheel.records import (
     History,
     Pose,
     SmoothingTerms,
+    StateTransition,
     StepInput,
     StepRecord,
     WheelWindows,
@@ -41,10 +41,6 @@ from hubodo.fuse.wheel.slip_schedule import SlipSchedule
 from hubodo.fuse.wheel.state_vector import ExternalCorrection, StateReset, initial_state
 from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, WINDOWS_PER_SECOND, Window
 from hubodo.fuse.wheel.window_processor import WindowProcessor
-
-CHECKPOINT_STEPS = 200
-"""Steps of which a smoother has the matrices in memory at once, 10 MB: about the square root of the steps of
-an hour, which costs least."""
 
 _SYMMETRISATION_STEPS = 16
 """Steps between symmetrisations of the covariance; rounding causes an asymmetry of 1e-15 over this number."""
@@ -58,7 +54,7 @@ be lost so long before the other."""
 
 
 class FilterCore(WindowProcessor):
-    """State of the wheel filter and its steps. Copies by `copy.deepcopy` are independent.
+    """State of the wheel filter and its steps.
 
     Attributes
     ----------
@@ -66,6 +62,7 @@ class FilterCore(WindowProcessor):
     mounting_check, outages : accumulated evidence on the mounting, and the outages so far.
     pose_columns : columns of the states of a pose.
     outage_ends : ends of outages whose motion the wheel angles determined, by number of the last window.
+    newest_terms : terms of the last step for smoothing, if the changes are recorded.
     """
 
     def __init__(
@@ -79,14 +76,15 @@ class FilterCore(WindowProcessor):
         """Start at standstill.
 
         slips, outage_ends: results of a previous pass; None to detect slips, and to determine the ends of
-        outages. smoothing: record smoothing terms.
+        outages. smoothing: record the terms of each step for smoothing.
         """
         initial = initial_state(config)
         super().__init__(config, initial, slips, History(HISTORY_WINDOWS if slips is None else 1))
         self.mounting_check = MountingCheck(config.track_width)
         self.outages = OutageLog()
         self.steps = self.windows = 0
-        self._keeps_prior = smoothing
+        self.changes = [] if smoothing else None
+        self.newest_terms: SmoothingTerms
         self._slip_monitor = SlipMonitor() if slips is None else None
         self._was_replayed = False
         self.outage_ends = dict(outage_ends or {})
@@ -108,16 +106,6 @@ class FilterCore(WindowProcessor):
     def is_single_pass(self) -> bool:
         """True if a second pass would repeat the steps so far: no slip, and no outage, was in them."""
         return not self._was_replayed and not self.outages.count and not self.slip_schedule.slipping
-
-    def copy_for_second_pass(self) -> FilterCore:
-        """Return an independent copy that detects no slips and records smoothing terms, without history."""
-        history, monitor = self.history, self._slip_monitor
-        self.history, self._slip_monitor = History(1), None
-        copied = copy.deepcopy(self)
-        self.history, self._slip_monitor = history, monitor
-        copied._keeps_prior, copied._recovers_outages = True, False
-        copied._update.wants_residuals = False
-        return copied
 
     def replay(self, number: int) -> UpdateResult:
         """Process the windows from `number` on again, as `WindowProcessor.replay`."""
@@ -157,7 +145,6 @@ class FilterCore(WindowProcessor):
         alignment_windows: windows of gravity from which a wheel angle is initialised.
         """
         self.windows += step.spans
-        self._reset_columns = []
         if not step.windows:
             return self._step_over_outage(step.number, step.spans)
         windows: WheelWindows = tuple(zip(self.wheels, step.windows, strict=True))
@@ -186,26 +173,11 @@ class FilterCore(WindowProcessor):
         self._count_windows(windows, result)
         check_mounting(self, self.mounting_check, windows, result)
         self.steps += 1
-        x, p = (list(self.x), self.p.copy()) if self._keeps_prior else (self.x, self.p)
         self.advance(windows)
         if self.steps % _SYMMETRISATION_STEPS == 0:
             self.p[:] = 0.5 * (self.p + self.p.T)
         self._inflate_heading_error()
-        pose = self._pose(step.number, result.motion_state, result.nis, result.dof)
-        if self._prior is not None:
-            prior_x, prior_p, speed_row = self._prior
-            terms = SmoothingTerms(
-                prior_x,
-                prior_p,
-                x,
-                p,
-                self._reset_columns,
-                self._motion.transition(),
-                self._heading_inflation.covariance,
-                speed_row,
-            )
-            self.history.replace_newest(self.history.newest._replace(pose=pose, smoothing=terms))
-        return pose
+        return self._end_step(step.number, result.motion_state, result.nis, result.dof)
 
     def set_pose_exact(self) -> None:
         """Declare the present position and heading exact; their covariance grows from here on.
@@ -230,8 +202,13 @@ class FilterCore(WindowProcessor):
                 self.x[self._at[X]], self.x[self._at[Y]], self.p.item(heading, heading)
             )
 
-    def _pose(self, number: int, motion_state: MotionState, nis: float, dof: int) -> Pose:
-        """Return the pose at the end of window `number`."""
+    def _end_step(self, number: int, motion_state: MotionState, nis: float, dof: int) -> Pose:
+        """Return the pose at the end of window `number`, after recording the terms of its step."""
+        if self.changes is not None:
+            self.newest_terms = SmoothingTerms(
+                self.changes, self.p[self.pose_columns], self._heading_inflation.covariance
+            )
+            self.changes = []
         end = (number + 1) * WINDOW_S
         covariance = self.p.take(self._pose_elements)
         x, y, heading, speed, yaw_rate = self._pick_pose(self.x)
@@ -278,14 +255,8 @@ class FilterCore(WindowProcessor):
             wheel.slip_detector.end_by_outage(number)
             if end_of_outage is not None:
                 wheel.resume_angle()
-        pose = self._pose(number, MotionState.MOVING, 0.0, 0)
-        if self._keeps_prior:
-            x, p = list(self.x), self.p.copy()
-            identity, inflation = np.eye(len(x)), self._heading_inflation.covariance
-            terms = SmoothingTerms(x, p, x, p, (), identity, inflation, outage_transition=transition)
-            self.history.append(StepRecord(number, (), (), x, p, pose, terms))
-            self.history.set_barrier()
-        return pose
+        self.record_change(StateTransition.of_rows(range(len(self.x)), transition))
+        return self._end_step(number, MotionState.MOVING, 0.0, 0)
 
     def _bridge_outage(self, seconds: float, motion_sigmas: MotionSigmas, end: OutageEnd) -> Array:
         """Propagate the states over an outage whose end is known; return the transition (n, n)."""

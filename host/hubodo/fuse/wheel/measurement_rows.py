@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-from typing import Any
 
 import numpy as np
 
@@ -62,7 +61,3 @@ class MeasurementRows:
         struct.pack_into(self._packing, self._values.data, 0, *values)
         self._table[self._places] = self._values
         return self._jacobian, self._residuals, self._variances
-
-    def __deepcopy__(self, memo: Any) -> MeasurementRows:
-        # The arrays are scratch space of one window, so copies of a filter may share them.
-        return self

@@ -39,7 +39,7 @@ from hubodo.fuse.wheel.measurements import (
     yaw,
 )
 from hubodo.fuse.wheel.motion_state import MotionState
-from hubodo.fuse.wheel.records import WheelWindows
+from hubodo.fuse.wheel.records import MeasurementTerms, WheelWindows
 from hubodo.fuse.wheel.slip_detector import ForwardResidual
 from hubodo.fuse.wheel.wheel import Wheel, WheelMode
 from hubodo.fuse.wheel.window import WINDOW_S, Window
@@ -71,6 +71,7 @@ class UpdateResult(NamedTuple):
     observable.
     outlier_wheel : index of the wheel that the other one contradicts, or None.
     motion_state : motion state that was assumed.
+    terms : terms for smoothing; None if they are not wanted, or no measurement was used.
     """
 
     x: list[float]
@@ -82,6 +83,7 @@ class UpdateResult(NamedTuple):
     forward_residuals: list[ForwardResidual | None]
     outlier_wheel: int | None
     motion_state: MotionState
+    terms: MeasurementTerms | None = None
 
 
 class MeasurementUpdate:
@@ -111,9 +113,17 @@ class MeasurementUpdate:
         )
 
     def update(
-        self, x: list[float], p: Array, windows: WheelWindows, motion_state: MotionState
+        self,
+        x: list[float],
+        p: Array,
+        windows: WheelWindows,
+        motion_state: MotionState,
+        wants_terms: bool = False,
     ) -> UpdateResult:
-        """Update states x (n,) and covariance p (n, n), C-contiguous, which may be overwritten."""
+        """Update states x (n,) and covariance p (n, n), C-contiguous, which may be overwritten.
+
+        wants_terms: return the terms for smoothing.
+        """
         values, rolling_rates, yaw_rates, is_clear, silent = self._collect_rows(
             x, windows, motion_state is MotionState.STANDSTILL
         )
@@ -163,13 +173,14 @@ class MeasurementUpdate:
                 whitened = whitening.dot(z)
                 nis = float(whitened.dot(whitened))
         gain_root = whitening.dot(hp)
+        terms = MeasurementTerms(whitened, whitening.dot(h), gain_root) if wants_terms else None
         unobservable = _unobservable_states(x, p, windows)
         x = list(map(add, x, whitened.dot(gain_root).tolist()))
         # p - root' root in one call. BLAS is column-major, so `.T` passes the array without a copy.
         p = dgemm(-1.0, gain_root.T, gain_root.T, beta=1.0, c=p.T, trans_b=1, overwrite_c=1).T
         _restore_states(x, p, unobservable)
         return UpdateResult(
-            x, p, nis, len(z), rolling_rates, yaw_rates, forward_residuals, outlier_wheel, motion_state
+            x, p, nis, len(z), rolling_rates, yaw_rates, forward_residuals, outlier_wheel, motion_state, terms
         )
 
     def _collect_rows(

@@ -33,7 +33,7 @@ from hubodo.fuse.wheel.entries import (
     X,
     Y,
 )
-from hubodo.fuse.wheel.records import WheelWindows
+from hubodo.fuse.wheel.records import StateTransition, WheelWindows
 from hubodo.fuse.wheel.state_vector import InitialState
 from hubodo.fuse.wheel.wheel import Wheel
 from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, Window
@@ -56,7 +56,7 @@ Estimated.
 
 
 class MotionModel:
-    """Propagation of states and covariance; the transition of the last window is stored."""
+    """Propagation of states and covariance; the derivatives of the last window are stored."""
 
     def __init__(self, config: WheelConfig, initial: InitialState) -> None:
         layout = initial.columns
@@ -72,6 +72,7 @@ class MotionModel:
         self._crossings = self._changing[:, None] * layout.size + self._changing
         self._rows = np.eye(layout.size)[self._changing]
         self._variable_elements = _variable_elements(layout, vehicle_rows)
+        self._nonzero = np.union1d(self._variable_elements, np.flatnonzero(self._rows))
         # `struct` copies a list of floats into an array in half the time of numpy.
         self._packing = f"{len(self._variable_elements)}d"
         self._values = np.empty(len(self._variable_elements))
@@ -128,11 +129,9 @@ class MotionModel:
                 rate_sigma = _FOLLOWED_RATE_SIGMA if window is EMPTY_WINDOW else 1.0
                 p[angle, angle] += (rate_sigma * window.missing * t) ** 2
 
-    def transition(self) -> Array:
-        """Return the derivatives (n, n) of the states after the last propagation by those before it."""
-        transition = np.eye(self._rows.shape[1])
-        transition[self._changing] = self._rows
-        return transition
+    def transition(self) -> StateTransition:
+        """Return the last propagation as a change of the states."""
+        return StateTransition(self._changing, self._nonzero, self._rows.take(self._nonzero))
 
 
 def _turn_wheel(x: list[float], wheel: Wheel, window: Window, yaw_rate: float) -> tuple[float, ...]:

@@ -1,12 +1,14 @@
-"""Input, output and record of one step of the wheel filter, and the ring buffer of records."""
+"""Input, output and records of one step of the wheel filter, and the ring buffer of records."""
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.entries import HEADING, SPEED, YAW_RATE, X, Y
@@ -81,42 +83,80 @@ def add_common_scale(pose: Pose, sigma: float, origin: tuple[float, float] = (0.
     return pose._replace(covariance=pose.covariance + np.outer(scaled, scaled))
 
 
-class SmoothingTerms(NamedTuple):
-    """Terms of one step for a backward smoothing pass.
+class MeasurementTerms(NamedTuple):
+    """A Kalman update by m measurements with independent errors of variance 1, for smoothing.
 
     Attributes
     ----------
-    prior_x, prior_p : states and covariance before the measurements.
-    x, p : states and covariance after them.
-    reset_states : columns that were reset in this step and so carry no information about the past.
-    transition : (n, n), derivatives of the states at the end of the step by x.
-    speed_row : column of the speed and its derivatives (n,) by the states at the end of the previous step, if
-        the accelerometers propagated it.
-    outage_transition : (n, n), derivatives of prior_x by the states at the end of the previous step; None if
-        no outage lies between the two.
-    heading_inflation : (2, 2) m², second-order covariance of x and y beyond p.
+    innovation : (m,), whitened innovations L^-1 z, with L L' = H P H' + R.
+    jacobian : (m, n), L^-1 H.
+    gain_root : (m, n), L^-1 H P; the gain of the whitened innovations is its transpose.
     """
 
-    prior_x: list[float]
-    prior_p: Array
-    x: list[float]
-    p: Array
-    reset_states: Sequence[int]
-    transition: Array
+    innovation: Array
+    jacobian: Array
+    gain_root: Array
+
+    @classmethod
+    def of_row(cls, residual: float, h: Array, ph: Array, s: float) -> MeasurementTerms:
+        """Return the terms of one measurement: derivatives h (n,), ph = P h, innovation variance s."""
+        root = math.sqrt(s)
+        return cls(np.array([residual / root]), h[None] / root, ph[None] / root)
+
+
+class StateTransition(NamedTuple):
+    """A linear change of some states, for smoothing; without derivatives a reset.
+
+    Attributes
+    ----------
+    columns : (k,), the states that change.
+    places : flat indices in the (k, n) derivatives of these states by all states before.
+    values : the derivatives at these places; all others are zero.
+    """
+
+    columns: Sequence[int] | NDArray[np.intp]
+    places: NDArray[np.intp] = np.empty(0, np.intp)
+    values: Array = np.empty(0)
+
+    @classmethod
+    def of_rows(cls, columns: Sequence[int], rows: Array) -> StateTransition:
+        """Return the transition with these rows of derivatives (k, n)."""
+        return cls(columns, np.arange(rows.size), rows.ravel())
+
+    def rows(self, n_states: int) -> Array:
+        """Return the derivatives (k, n)."""
+        rows = np.zeros((len(self.columns), n_states))
+        rows.ravel()[self.places] = self.values
+        return rows
+
+
+StateChange = MeasurementTerms | StateTransition
+
+
+class SmoothingTerms(NamedTuple):
+    """Terms of one step for smoothing.
+
+    Attributes
+    ----------
+    changes : updates and transitions since the previous pose, in their order. Noise and known inputs are no
+        changes: what smoothing needs of them is in `pose_rows`.
+    pose_rows : (5, n), covariance of the states of the pose with all states at the end of the step.
+    heading_inflation : (2, 2) m², second-order covariance of x and y beyond that.
+    """
+
+    changes: Sequence[StateChange]
+    pose_rows: Array
     heading_inflation: Array
-    speed_row: tuple[int, Array] | None = None
-    outage_transition: Array | None = None
 
 
 class StepRecord(NamedTuple):
-    """Record of one step, for rollback and for smoothing.
+    """Record of one step, for rollback.
 
     Attributes
     ----------
     number : number of its (last) window.
     windows, motion_states : derotated windows of all wheels and the motion state of each; empty in an outage.
     start_x, start_p : states and covariance at the start of the window.
-    pose, smoothing : set at the end of the step; smoothing terms only if they are recorded.
     """
 
     number: int
@@ -124,12 +164,10 @@ class StepRecord(NamedTuple):
     motion_states: Sequence[MotionState]
     start_x: list[float]
     start_p: Array
-    pose: Pose | None = None
-    smoothing: SmoothingTerms | None = None
 
 
 class History:
-    """A ring buffer of the newest step records, for rollback and smoothing.
+    """A ring buffer of the newest step records, for rollback.
 
     A replay restores the states at the start of a step and processes the windows since then again. It
     reproduces only changes by the windows themselves, so any other change of the state is a barrier.
@@ -143,10 +181,6 @@ class History:
         """Add the newest step."""
         self._records.append(record)
         self._n_replayable = min(self._n_replayable + 1, len(self._records))
-
-    def replace_newest(self, record: StepRecord) -> None:
-        """Complete the newest record at the end of its step."""
-        self._records[-1] = record
 
     def set_barrier(self) -> None:
         """Exclude all steps so far from a replay."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import add
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -28,7 +29,7 @@ from hubodo.fuse.wheel.entries import (
 from hubodo.fuse.wheel.measurements import LinearisedWindow, Row, WheelGeometry, position
 from hubodo.fuse.wheel.measurements.position import Position
 from hubodo.fuse.wheel.motion_state import StandstillDetector
-from hubodo.fuse.wheel.records import History
+from hubodo.fuse.wheel.records import History, MeasurementTerms, StateChange, StateTransition
 from hubodo.fuse.wheel.spin_search import SpinTracker
 from hubodo.fuse.wheel.wheel import Wheel
 from hubodo.vehicle import side_sign
@@ -36,10 +37,9 @@ from hubodo.vehicle import side_sign
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """A correction of states and covariance: x + change, p - reduction; (n,) and (n, n)."""
+    """A Kalman update outside the update of a window: x + gain_root' innovation, p - gain_root' gain_root."""
 
-    change: Array
-    reduction: Array
+    terms: MeasurementTerms
     is_replayable: ClassVar[bool] = False
 
 
@@ -50,7 +50,15 @@ class WindowCorrection(Correction):
 
 
 class ExternalCorrection(Correction):
-    """A correction from outside the windows: position, surface speed, track width, mounting, standstill."""
+    """A correction from outside the windows: position, surface speed, track width."""
+
+
+@dataclass(frozen=True, eq=False)
+class Inflation:
+    """Variances added to states for an error that the windows do not show; negative: removed again."""
+
+    variances: Mapping[int, float]
+    is_replayable: ClassVar[bool] = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,12 +164,14 @@ class Innovation(NamedTuple):
     ----------
     z : (2,) m, measured minus expected position.
     s : (2, 2) m², its covariance.
+    h : (2, n), derivatives of the expected position by the states.
     ph : (n, 2), covariance of the states with the expected position.
     nis : normalised innovation squared, z' s^-1 z.
     """
 
     z: Array
     s: Array
+    h: Array
     ph: Array
     nis: float
 
@@ -180,13 +190,24 @@ class StateVector:
     p : their covariance (n, n).
     wheels : the wheels.
     history : records of the newest steps.
+    changes : changes of the present step for smoothing; None if they are not recorded.
     """
 
     def __init__(self, initial: InitialState, history: History) -> None:
         self.x, self.p, self.wheels = initial.x, initial.p, initial.wheels
         self.columns, self._at = initial.columns, initial.columns.vehicle
         self.history = history
-        self._reset_columns: list[int] = []
+        self.changes: list[StateChange] | None = None
+
+    def record_change(self, change: StateChange) -> None:
+        """Record a change of the states for smoothing."""
+        if self.changes is not None:
+            self.changes.append(change)
+
+    def record_reset(self, columns: Sequence[int]) -> None:
+        """Record that states were reset, so that they carry no information about the past."""
+        if columns:
+            self.record_change(StateTransition(columns))
 
     def estimate(self, node: str | None, entry: Entry) -> Quantity:
         """Return value and 1 sigma of an entry.
@@ -202,13 +223,18 @@ class StateVector:
         columns = [wheel.columns[entry] for wheel in self.wheels]
         return math.sqrt(max(0.0, float(self.p[np.ix_(columns, columns)].mean())))
 
-    def apply(self, change: Correction | StateReset) -> None:
+    def apply(self, change: Correction | Inflation | StateReset) -> None:
         """Apply a correction, or register a reset; set a barrier if a replay would not reproduce it."""
         if isinstance(change, StateReset):
-            self._reset_columns += change.columns
+            self.record_reset(change.columns)
+        elif isinstance(change, Inflation):
+            for column, variance in change.variances.items():
+                self.p[column, column] += variance
         else:
-            self.x = [a + b for a, b in zip(self.x, change.change.tolist(), strict=True)]
-            self.p -= change.reduction
+            innovation, _, gain_root = change.terms
+            self.x = list(map(add, self.x, innovation.dot(gain_root).tolist()))
+            self.p -= gain_root.T.dot(gain_root)
+            self.record_change(change.terms)
         if not change.is_replayable:
             self.history.set_barrier()
 
@@ -219,12 +245,18 @@ class StateVector:
         h = np.array([self.derivatives(row, self._at) for row in rows])
         ph = self.p @ h.T
         s = h @ ph + np.diag([row[1] for row in rows])
-        return Innovation(z, s, ph, float(z @ np.linalg.solve(s, z)))
+        return Innovation(z, s, h, ph, float(z @ np.linalg.solve(s, z)))
 
     def update_with_position(self, innovation: Innovation) -> None:
         """Update the state with a position."""
-        weight = np.linalg.solve(innovation.s, innovation.ph.T)
-        self.apply(ExternalCorrection(innovation.z @ weight, innovation.ph @ weight))
+        whitening = np.linalg.inv(np.linalg.cholesky(innovation.s))
+        self.apply(
+            ExternalCorrection(
+                MeasurementTerms(
+                    whitening @ innovation.z, whitening @ innovation.h, whitening @ innovation.ph.T
+                )
+            )
+        )
 
     def derivatives(self, row: Row, columns: Mapping[Entry, int]) -> Array:
         """Return a row of the Jacobian, (n,), from its nonzero derivatives."""
@@ -241,11 +273,8 @@ class StateVector:
         h = self.derivatives(row, columns)
         ph = self.p @ h
         s = max(float(h @ ph) + variance, residual**2 / GATE_SIGMA**2)
-        self.apply(kind(ph * (residual / s), np.outer(ph, ph / s)))
+        self.apply(kind(MeasurementTerms.of_row(residual, h, ph, s)))
 
     def inflate(self, variances: Mapping[Entry, float]) -> None:
         """Add variances to entries of the vehicle for an error that the windows do not show."""
-        reduction = np.zeros_like(self.p)
-        for entry, variance in variances.items():
-            reduction[self._at[entry], self._at[entry]] = -variance
-        self.apply(ExternalCorrection(np.zeros(len(self.x)), reduction))
+        self.apply(Inflation({self._at[entry]: variance for entry, variance in variances.items()}))

@@ -17,7 +17,7 @@ from hubodo.fuse.wheel.filter import ALIGNMENT_WINDOWS, WheelFilter
 from hubodo.fuse.wheel.fixed_lag import smooth_with_lag
 from hubodo.fuse.wheel.mirrored_axes import correct_mirrored_axes
 from hubodo.fuse.wheel.node_screening import find_own_gaps
-from hubodo.fuse.wheel.records import Pose
+from hubodo.fuse.wheel.records import Pose, StepInput, add_common_scale
 from hubodo.fuse.wheel.surface_speeds import SurfaceSpeeds
 from hubodo.fuse.wheel.window import WINDOW_S, WINDOWS_PER_SECOND
 from hubodo.recording import Table
@@ -109,7 +109,8 @@ def run_wheel_filter(
     wheel_filter = WheelFilter(config, speeds)
     if lag > 0.0:
         wheel_filter.recorded_steps = []
-        wheel_filter.checkpoints = [] if math.isinf(lag) else None
+    if math.isinf(lag):
+        wheel_filter.record_for_smoothing()
     blocks = {
         name: (nodes[name].t, nodes[name].gyro, nodes[name].accel) for name in config.nodes if name in nodes
     }
@@ -128,8 +129,7 @@ def run_wheel_filter(
     steps = wheel_filter.recorded_steps or []
     first_pass = wheel_filter.core.slip_schedule, wheel_filter.core.outage_ends
     if lag >= len(steps) * WINDOW_S > 0.0:
-        checkpoints = wheel_filter.checkpoints or []
-        poses = smoother.smooth_whole_log(wheel_filter.core, checkpoints, steps, ALIGNMENT_WINDOWS)
+        poses = _smooth(wheel_filter, poses, steps)
     elif lag > 0.0:
         ahead = math.ceil(lag / WINDOW_S - 1e-9)
         poses = smooth_with_lag(config, steps, ALIGNMENT_WINDOWS, ahead, *first_pass)
@@ -138,6 +138,15 @@ def run_wheel_filter(
         track = track.with_covariance(_mirrored_covariance(track))
     report = build_report(wheel_filter, track, track.motion_state, lag)
     return WheelRun(track, report, wheel_filter)
+
+
+def _smooth(wheel_filter: WheelFilter, poses: list[Pose], steps: Sequence[StepInput]) -> list[Pose]:
+    """Return the poses of a first pass, each from the whole log."""
+    core, terms = wheel_filter.core, wheel_filter.smoothing_terms
+    if terms is None:
+        poses, terms = smoother.run_second_pass(core, steps, ALIGNMENT_WINDOWS)
+    smoothed = smoother.smooth_whole_log(poses, terms, core.pose_columns)
+    return [add_common_scale(pose, core.common_scale_sigma) for pose in smoothed]
 
 
 def _rerun_without_clock_jump(

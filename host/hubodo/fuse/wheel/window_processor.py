@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
-import numpy as np
-
-from hubodo.arrays import Array
 from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import SPEED, TRACK_WIDTH
 from hubodo.fuse.wheel.measurement_update import MeasurementUpdate, UpdateResult
@@ -18,19 +14,11 @@ from hubodo.fuse.wheel.motion_prediction import MotionPrediction, vehicle_motion
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.mounting_check import track_width_test
 from hubodo.fuse.wheel.rate_beyond_range import reset_misaligned_angle
-from hubodo.fuse.wheel.records import History, WheelWindows
+from hubodo.fuse.wheel.records import History, StateTransition, WheelWindows
 from hubodo.fuse.wheel.slip_schedule import SlipSchedule
 from hubodo.fuse.wheel.state_vector import ExternalCorrection, InitialState, StateVector
 from hubodo.fuse.wheel.wheel import Wheel, WheelMode
 from hubodo.fuse.wheel.window import Window
-
-
-class _Prior(NamedTuple):
-    """States before the measurements of a window, for smoothing."""
-
-    x: list[float]
-    p: Array
-    speed_row: tuple[int, Array] | None
 
 
 class WindowProcessor(StateVector):
@@ -58,8 +46,6 @@ class WindowProcessor(StateVector):
         self._tests_track_width = (
             len(self.wheels) == 2 and TRACK_WIDTH not in config.priors and not config.position_aided
         )
-        self._keeps_prior = False
-        self._prior: _Prior | None = None
 
     def process_window(
         self,
@@ -87,12 +73,13 @@ class WindowProcessor(StateVector):
         self._prediction.predict(
             self.x, self.p, windows, state, is_inertial, has_surface_speeds, self.max_speed
         )
-        self._reset_columns += self._prediction.reset_states
-        if self._keeps_prior:
-            row = self._prediction.speed_row
-            self._prior = _Prior(list(self.x), self.p.copy(), None if row is None else (self._at[SPEED], row))
-        result = self._update.update(self.x, self.p, windows, state)
+        self.record_reset(self._prediction.reset_states)
+        if self._prediction.speed_row is not None:
+            self.record_change(StateTransition.of_rows([self._at[SPEED]], self._prediction.speed_row))
+        result = self._update.update(self.x, self.p, windows, state, self.changes is not None)
         self.x, self.p = result.x, result.p
+        if result.terms is not None:
+            self.record_change(result.terms)
         for wheel, window in windows:
             self._update_with_fixed_terms(wheel)
             if window.all_clipped and window.force_clipped == 0.0 and not wheel.spin_tracker.is_observed:
@@ -101,7 +88,7 @@ class WindowProcessor(StateVector):
                 wheel.view.linearise(self.x, window, is_stationary=False)
                 self.update_with_row(gravity_phase.measure(wheel.view, window.gravity_angle), wheel.columns)
             if window.all_clipped and wheel.angle_initialised:
-                self._reset_columns += reset_misaligned_angle(self.x, self.p, wheel, window)
+                self.record_reset(reset_misaligned_angle(self.x, self.p, wheel, window))
         if self._tests_track_width:
             self._test_track_width()
         return result
@@ -109,6 +96,8 @@ class WindowProcessor(StateVector):
     def advance(self, windows: WheelWindows) -> None:
         """Propagate the states to the end of a processed window."""
         self._motion.advance(self.x, self.p, windows)
+        if self.changes is not None:
+            self.changes.append(self._motion.transition())
 
     def replay(self, number: int) -> UpdateResult:
         """Restore the states at the start of window `number` and process the windows since then again.
@@ -135,9 +124,7 @@ class WindowProcessor(StateVector):
             return
         self._tests_track_width = False
         if math.isfinite(noise):
-            ph = self.p[column].copy()
-            s = variance + noise
-            self.apply(ExternalCorrection(ph * (-error / s), np.outer(ph, ph / s)))
+            self.update_with_row((-error, noise, {TRACK_WIDTH: 1.0}), self._at, ExternalCorrection)
 
     def _update_with_fixed_terms(self, wheel: Wheel) -> None:
         """Update with the node-fixed terms of a spin search, if there are any."""
