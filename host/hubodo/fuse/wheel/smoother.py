@@ -60,13 +60,13 @@ def run_second_pass(
 
 
 class LaterInformation:
-    """What the measurements after a time say about the states at that time: l (n,) and L (n, n)."""
+    """Information of the measurements after a time on the states at that time: l (n,) and L (n, n)."""
 
     def __init__(self, n_states: int) -> None:
         self.vector, self.matrix = np.zeros(n_states), np.zeros((n_states, n_states))
 
     def step_back(self, change: StateChange) -> None:
-        """Go back to before a change of the states."""
+        """Propagate the information to before a change of the states."""
         if isinstance(change, MeasurementTerms):
             innovation, jacobian, gain_root = change
             self.vector += (innovation - gain_root.dot(self.vector)).dot(jacobian)
@@ -77,11 +77,11 @@ class LaterInformation:
             self._add_symmetric(jacobian, half)
             return
         columns, rows = change.columns, change.rows(len(self.vector))
-        moved, by_rows = self.vector[columns], self.matrix[columns]
+        before, by_rows = self.vector[columns], self.matrix[columns]
         self.vector[columns] = 0.0
         self.matrix[columns] = 0.0
         self.matrix[:, columns] = 0.0
-        self.vector += moved.dot(rows)
+        self.vector += before.dot(rows)
         among = by_rows[:, columns]
         by_rows[:, columns] = 0.0
         self._add_symmetric(rows, by_rows + 0.5 * among.dot(rows))
