@@ -132,14 +132,7 @@ class MeasurementUpdate:
         for index, (wheel, window) in enumerate(windows):
             if window.all_clipped:
                 self._add_products(p, h, r, wheel, index)
-        # At standstill these derivatives are pure noise, which minutes of data would turn into false
-        # certainty.
-        is_stationary = motion_state is not MotionState.MOVING
-        for index, (wheel, _) in enumerate(windows):
-            if is_stationary or rolling_rates[index] ** 2 < _MIN_ROLLING_SNR * wheel.standstill.noise:
-                h[self._rolling_block[index]] = 0.0
-            if is_stationary:
-                h[self._turning_block[index]] = 0.0
+        self._clear_unobservable(h, windows, motion_state, rolling_rates)
         forward_residuals = [
             self._forward_residual((x, p), (h, z, r), wheel, index)
             if is_clear[index] and self.wants_residuals
@@ -221,6 +214,20 @@ class MeasurementUpdate:
             if mode is not WheelMode.ROLLING or not is_clear[index]:
                 silent += self._silent_rows(index, mode, window)
         return values, rolling_rates, yaw_rates, is_clear, silent
+
+    def _clear_unobservable(
+        self, h: Array, windows: WheelWindows, motion_state: MotionState, rolling_rates: list[float]
+    ) -> None:
+        """Clear the derivatives, in place, by entries that the motion does not show.
+
+        At standstill they are pure noise, which minutes of data would turn into false certainty.
+        """
+        is_stationary = motion_state is not MotionState.MOVING
+        for index, (wheel, _) in enumerate(windows):
+            if is_stationary or rolling_rates[index] ** 2 < _MIN_ROLLING_SNR * wheel.standstill.noise:
+                h[self._rolling_block[index]] = 0.0
+            if is_stationary:
+                h[self._turning_block[index]] = 0.0
 
     def _add_products(self, p: Array, h: Array, r: Array, wheel: Wheel, index: int) -> None:
         """Add to yaw and roll the second-order terms of a spin that is estimated while the gyro is clipped.
