@@ -87,6 +87,7 @@ accuracy: setup      ## accuracy over many seeded drives and records; about fift
 
 road: setup          ## a real car, standstills, outages, slip, saturated sensors, calibration; about forty minutes
 	$(BIN)/python tests/accuracy/car.py
+	$(BIN)/python tests/accuracy/wheel_ins.py
 	$(BIN)/python tests/accuracy/car_gnss.py
 	$(BIN)/python tests/accuracy/scales.py
 	$(BIN)/python tests/accuracy/rests.py

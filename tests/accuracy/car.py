@@ -20,7 +20,6 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 import wanted  # noqa: E402
 from hubodo.calibration.file import Calibration  # noqa: E402
 from hubodo.errors import CalibrationError  # noqa: E402
-from hubodo.fuse.track import Track  # noqa: E402
 from hubodo.fuse.wheel.calibration.calibrate import calibrate_wheels  # noqa: E402
 from hubodo.fuse.wheel.calibration.positions import Positions  # noqa: E402
 from hubodo.fuse.wheel.config import wheel_config  # noqa: E402
@@ -67,7 +66,7 @@ def calibration_from(log: Recording, names: tuple[str, ...]) -> Calibration:
 def largest_percent(log: Recording, names: tuple[str, ...], calibration: Calibration | None) -> float:
     """Return the largest distance from the reference in % of the path."""
     track = run_wheel_filter(wheel_config(with_nodes(names), list(names), calibration), log.nodes).track
-    return _largest(track, truth_of(log))
+    return largest_distance_percent(track.t, track.x + 1j * track.y, truth_of(log))
 
 
 def with_nodes(names: tuple[str, ...]) -> Vehicle:
@@ -75,21 +74,21 @@ def with_nodes(names: tuple[str, ...]) -> Vehicle:
     return replace(CAR, nodes={name: CAR.nodes[name] for name in names})
 
 
-def _largest(track: Track, truth: Table) -> float:
-    inside = (track.t >= truth.t[0]) & (track.t <= truth.t[-1])
-    t = track.t[inside]
-    track_positions = (track.x + 1j * track.y)[inside]
-    truth_positions = np.interp(t, truth.t, truth["x"]) + 1j * np.interp(t, truth.t, truth["y"])
-    track_positions, truth_positions = (
-        track_positions - track_positions[0],
-        truth_positions - truth_positions[0],
-    )
-    rotation = np.exp(1j * np.angle(np.sum(truth_positions * track_positions.conj())))
-    return float(
-        100.0
-        * np.abs(track_positions * rotation - truth_positions).max()
-        / np.sum(np.abs(np.diff(truth_positions)))
-    )
+def aligned(t: np.ndarray, positions: np.ndarray, truth: Table) -> tuple[np.ndarray, np.ndarray]:
+    """Return the (M,) positions within the reference's time, rotated to its best fit, and the reference's.
+
+    t: (N,) s; positions: (N,) x + iy, m. Both results begin at 0.
+    """
+    inside = (t >= truth.t[0]) & (t <= truth.t[-1])
+    reference = np.interp(t[inside], truth.t, truth["x"]) + 1j * np.interp(t[inside], truth.t, truth["y"])
+    track, reference = positions[inside] - positions[inside][0], reference - reference[0]
+    return track * np.exp(1j * np.angle(np.sum(reference * track.conj()))), reference
+
+
+def largest_distance_percent(t: np.ndarray, positions: np.ndarray, truth: Table) -> float:
+    """Return the largest distance of positions from the reference in % of the path; see `aligned`."""
+    track, reference = aligned(t, positions, truth)
+    return float(100.0 * np.abs(track - reference).max() / np.sum(np.abs(np.diff(reference))))
 
 
 def main() -> int:

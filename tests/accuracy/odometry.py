@@ -52,7 +52,7 @@ def simulated(drives: int, first_seed: int) -> None:
         rng = np.random.default_rng(seed)
         drive = wheel_drives.drive(wheel_drives.loop(rng), rng)
         for name, nodes in NAMES.items():
-            rows.setdefault(f"wheel filter, {name}", []).append(_run_filter(drive, nodes))
+            rows.setdefault(f"wheel filter, {name}", []).append(run_filter(drive, nodes))
         rows.setdefault("plain differential odometry", []).append(_differential(drive))
         rows.setdefault("the same, with each gyro's true scale", []).append(
             _differential(drive, with_true_scale=True)
@@ -82,7 +82,10 @@ def simulated(drives: int, first_seed: int) -> None:
     print(f"run time {time.monotonic() - start:.0f} s")
 
 
-def _run_filter(drive: wheel_drives.WheelDrive, names: tuple[str, ...]) -> tuple[float, ...]:
+def run_filter(drive: wheel_drives.WheelDrive, names: tuple[str, ...]) -> tuple[float, ...]:
+    """Return the final error in % of the path, that of the heading in rad, and whether x, y and heading are
+    within 1.96 sigma.
+    """
     nodes = {name: WheelNode(name, "left") for name in names}  # type: ignore[arg-type]
     track = run_wheel_filter(WheelConfig(drive.radius, drive.track, nodes), _tables(drive)).track
     error = _error(drive, float(track.t[-1]), track.x[-1], track.y[-1], track.heading[-1])
