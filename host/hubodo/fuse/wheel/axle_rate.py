@@ -72,4 +72,4 @@ def remove_tilt_rate(x: Sequence[float], columns: Mapping[Entry, int], window: W
     over_y = across.imag - x[columns[GYRO_BIAS_Y]] * WINDOW_S
     tilt_x, tilt_y = x[columns[MISALIGNMENT_X]], x[columns[MISALIGNMENT_Y]]
     along = math.sqrt(max(0.0, 1.0 - tilt_x * tilt_x - tilt_y * tilt_y))
-    return window._replace(spin=along * window.spin - tilt_y * over_x + tilt_x * over_y)
+    return window.with_spin(along * window.spin - tilt_y * over_x + tilt_x * over_y)

@@ -43,6 +43,7 @@ class Entry:
     determines it.
     correlation_time : s of a first-order Gauss-Markov process whose stationary 1 sigma is the prior;
     infinite for a constant.
+    is_integrated : True if the motion model integrates it over a window, from a rate.
     """
 
     scope: Scope
@@ -55,6 +56,12 @@ class Entry:
     factor: float = 1.0
     is_single_effect: bool = True
     correlation_time: float = math.inf
+    is_integrated: bool = False
+
+    @property
+    def is_propagated(self) -> bool:
+        """Return True if the motion model changes it within a window."""
+        return self.is_integrated or math.isfinite(self.correlation_time)
 
     def __str__(self) -> str:
         return f"{self.effect}.{self.parameter}"
@@ -90,13 +97,13 @@ def _effect_entry(
     )
 
 
-X = Entry("vehicle", "motion", "x", 0.0, 0.0)
+X = Entry("vehicle", "motion", "x", 0.0, 0.0, is_integrated=True)
 """m; the track starts at the origin."""
 
-Y = Entry("vehicle", "motion", "y", 0.0, 0.0)
+Y = Entry("vehicle", "motion", "y", 0.0, 0.0, is_integrated=True)
 """m."""
 
-HEADING = Entry("vehicle", "motion", "heading", 0.0, 0.0)
+HEADING = Entry("vehicle", "motion", "heading", 0.0, 0.0, is_integrated=True)
 """rad, unwrapped; the track starts at a given heading."""
 
 SPEED = Entry("vehicle", "motion", "speed", 1.0, 0.0)
@@ -112,7 +119,7 @@ TIME_OFFSET = _effect_entry("vehicle", TimeOffset, "delay")
 SLOPE = _effect_entry("vehicle", RoadGrade, "angle", factor=STANDARD_GRAVITY)
 """m/s², forward specific force caused by the slope of the road."""
 
-WHEEL_ANGLE = Entry("wheel", "rolling", "angle", 0.3, 0.0)
+WHEEL_ANGLE = Entry("wheel", "rolling", "angle", 0.3, 0.0, is_integrated=True)
 """rad, angle of the node's x axis from upright, initialised from gravity.
 
 Prior: the vehicle may accelerate by a third of gravity meanwhile. The process noise is that of the gyro that
@@ -218,10 +225,14 @@ OBSERVABLE_WITH_TWO_WHEELS = (TRACK_WIDTH, TIME_OFFSET)
 
 
 class StateLayout:
-    """Column of each entry in the state: those of the vehicle first, then those of each wheel.
+    """Column of each entry in the state.
+
+    First all entries that the motion model propagates, so that their rows are one slice, then all others; in
+    both parts those of the vehicle before those of each wheel.
 
     Attributes
     ----------
+    n_propagated : number of entries that the motion model propagates.
     vehicle : columns of the vehicle's entries.
     wheels : for each wheel, columns of its own entries and of the vehicle's.
     size : length of the state vector.
@@ -233,12 +244,15 @@ class StateLayout:
             + (POSITION_ENTRIES if position_aided else ())
             + (ENCODER_ENTRIES if encoder_aided else ())
         )
-        self.vehicle = {entry: place for place, entry in enumerate(of_vehicle)}
-        self.size = len(of_vehicle) + wheels * len(WHEEL_ENTRIES)
-        self.wheels: list[dict[Entry, int]] = []
-        for first in range(len(of_vehicle), self.size, len(WHEEL_ENTRIES)):
-            own = {entry: first + place for place, entry in enumerate(WHEEL_ENTRIES)}
-            self.wheels.append(self.vehicle | own)
+        owners: list[tuple[int | None, Entry]] = [(None, entry) for entry in of_vehicle]
+        owners += [(wheel, entry) for wheel in range(wheels) for entry in WHEEL_ENTRIES]
+        self.vehicle: dict[Entry, int] = {}
+        of_wheels: list[dict[Entry, int]] = [{} for _ in range(wheels)]
+        for column, (owner, entry) in enumerate(sorted(owners, key=lambda it: not it[1].is_propagated)):
+            (self.vehicle if owner is None else of_wheels[owner])[entry] = column
+        self.wheels = [self.vehicle | own for own in of_wheels]
+        self.size = len(owners)
+        self.n_propagated = sum(entry.is_propagated for _, entry in owners)
 
     def columns_of(self, wheel: int, entries: Sequence[Entry]) -> list[int]:
         """Return the columns of `entries` for a wheel, its own and the vehicle's."""

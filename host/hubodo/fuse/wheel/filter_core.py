@@ -34,7 +34,7 @@ from hubodo.fuse.wheel.records import (
     StepInput,
     StepRecord,
     WheelWindows,
-    add_common_scale,
+    common_scale_covariance,
 )
 from hubodo.fuse.wheel.slip_monitor import HISTORY_WINDOWS, SlipMonitor
 from hubodo.fuse.wheel.slip_schedule import SlipSchedule
@@ -215,10 +215,12 @@ class FilterCore(WindowProcessor):
         if not self.inertial_speed:
             self.max_speed = max(self.max_speed, abs(speed))
         covariance[:2, :2] += self._heading_inflation.covariance
-        pose = Pose(
+        if self.common_scale_sigma:
+            origin_x, origin_y = self._scale_origin
+            covariance += common_scale_covariance(self.common_scale_sigma, x - origin_x, y - origin_y, speed)
+        return Pose(
             end, x, y, heading, speed, yaw_rate, covariance, motion_state, nis, dof, self.inertial_speed
         )
-        return add_common_scale(pose, self.common_scale_sigma, self._scale_origin)
 
     def _step_over_outage(self, number: int, spans: int) -> Pose:
         """Propagate the states over an outage of all wheels that ends with window `number`."""

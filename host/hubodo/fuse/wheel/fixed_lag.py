@@ -23,7 +23,6 @@ from hubodo.fuse.wheel.records import (
     SmoothingTerms,
     StateChange,
     StepInput,
-    add_common_scale,
 )
 from hubodo.fuse.wheel.slip_schedule import SlipSchedule
 
@@ -69,7 +68,7 @@ class FixedLagSmoother:
             by_innovation = by_innovation.reshape(count, size, -1)
             self._covariances -= by_innovation @ by_innovation.transpose(0, 2, 1)
         else:
-            flat[:, change.columns] = flat @ change.rows(states).T
+            flat[:, change.selection] = flat @ change.rows(states).T
 
     def _pop_oldest(self) -> Pose:
         """Remove and return the oldest waiting pose."""
@@ -102,4 +101,4 @@ def smooth_with_lag(
         pose = core.step(step, alignment_windows)
         smoothed = smoother.add(pose, core.newest_terms)
         poses += [] if smoothed is None else [smoothed]
-    return [add_common_scale(pose, core.common_scale_sigma) for pose in poses + smoother.finish()]
+    return poses + smoother.finish()

@@ -63,14 +63,8 @@ class MotionModel:
         gauss_markov = [entry for entry in layout.vehicle if math.isfinite(entry.correlation_time)]
         vehicle_rows = (*_VEHICLE_ROWS, *((entry, (entry,)) for entry in gauss_markov))
         # Only these states change within a window, so only their rows of the transition are stored.
-        self._changing = np.array(
-            [
-                *(layout.vehicle[entry] for entry, _ in vehicle_rows),
-                *(columns[_WHEEL_ROW[0]] for columns in layout.wheels),
-            ]
-        )
-        self._crossings = self._changing[:, None] * layout.size + self._changing
-        self._rows = np.eye(layout.size)[self._changing]
+        self._count = layout.n_propagated
+        self._rows = np.eye(self._count, layout.size)
         self._variable_elements = _variable_elements(layout, vehicle_rows)
         self._nonzero = np.union1d(self._variable_elements, np.flatnonzero(self._rows))
         # `struct` copies a list of floats into an array in half the time of numpy.
@@ -108,13 +102,13 @@ class MotionModel:
         values += [chord * cos, t * chord_ratio * sin, half * cos, t, *self._decays]
         for wheel, window in windows:
             values += _turn_wheel(x, wheel, window, yaw_rate)
-        rows, changing = self._rows, self._changing
+        rows, count = self._rows, self._count
         struct.pack_into(self._packing, self._values.data, 0, *values)
         rows.ravel()[self._variable_elements] = self._values
         new_rows = rows.dot(p)
-        p[changing] = new_rows
-        p[:, changing] = new_rows.T
-        p.ravel()[self._crossings] = new_rows.dot(rows.T)
+        p[:count] = new_rows
+        p[:, :count] = new_rows.T
+        p[:count, :count] = new_rows.dot(rows.T)
         # Lateral slip moves the vehicle across its heading.
         slip_variance = self._lateral_slip * abs(chord)
         self._walk[at_x], self._walk[at_y] = slip_variance * sin * sin, slip_variance * cos * cos
@@ -131,7 +125,7 @@ class MotionModel:
 
     def transition(self) -> StateTransition:
         """Return the last propagation as a change of the states."""
-        return StateTransition(self._changing, self._nonzero, self._rows.take(self._nonzero))
+        return StateTransition(range(self._count), self._nonzero, self._rows.take(self._nonzero))
 
 
 def _turn_wheel(x: list[float], wheel: Wheel, window: Window, yaw_rate: float) -> tuple[float, ...]:
@@ -155,10 +149,10 @@ def _turn_wheel(x: list[float], wheel: Wheel, window: Window, yaw_rate: float) -
 
 def _variable_elements(layout: StateLayout, vehicle_rows: Sequence[tuple[Entry, tuple[Entry, ...]]]) -> Array:
     """Return the flat indices, in the stored rows of the transition, of all elements that vary."""
-    rows: list[tuple[dict[Entry, int], tuple[Entry, ...]]] = [(layout.vehicle, by) for _, by in vehicle_rows]
-    rows += [(columns, _WHEEL_ROW[1]) for columns in layout.wheels]
+    rows = [(layout.vehicle, entry, by) for entry, by in vehicle_rows]
+    rows += [(columns, *_WHEEL_ROW) for columns in layout.wheels]
     return np.array(
-        [row * layout.size + columns[entry] for row, (columns, by) in enumerate(rows) for entry in by]
+        [columns[row] * layout.size + columns[entry] for columns, row, by in rows for entry in by]
     )
 
 

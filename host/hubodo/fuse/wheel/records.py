@@ -71,16 +71,15 @@ class Pose(NamedTuple):
     published: tuple[float, float, float] | None = None
 
 
-def add_common_scale(pose: Pose, sigma: float, origin: tuple[float, float] = (0.0, 0.0)) -> Pose:
-    """Return the pose with the covariance of a scale error common to all wheels, 1 sigma as a fraction.
+def common_scale_covariance(sigma: float, x: float | Array, y: float | Array, speed: float | Array) -> Array:
+    """Return the covariance (..., 5, 5) of poses for a scale error common to all wheels; sigma: a fraction.
 
-    The error scales the speed, and the track about the origin, where the position was exact; no measurement
-    of the filter shows it.
+    The error scales the speed, and the track about the origin of x and y, where the position was exact; no
+    measurement of the filter shows it.
     """
-    if not sigma:
-        return pose
-    scaled = sigma * np.array([pose.x - origin[0], pose.y - origin[1], 0.0, pose.speed, 0.0])
-    return pose._replace(covariance=pose.covariance + np.outer(scaled, scaled))
+    scaled = np.array([sigma * x, sigma * y, 0.0 * x, sigma * speed, 0.0 * x]).T
+    covariance: Array = scaled[..., None] * scaled[..., None, :]
+    return covariance
 
 
 class MeasurementTerms(NamedTuple):
@@ -114,7 +113,7 @@ class StateTransition(NamedTuple):
     values : the derivatives at these places; all others are zero.
     """
 
-    columns: Sequence[int] | NDArray[np.intp]
+    columns: Sequence[int]
     places: NDArray[np.intp] = np.empty(0, np.intp)
     values: Array = np.empty(0)
 
@@ -122,6 +121,12 @@ class StateTransition(NamedTuple):
     def of_rows(cls, columns: Sequence[int], rows: Array) -> StateTransition:
         """Return the transition with these rows of derivatives (k, n)."""
         return cls(columns, np.arange(rows.size), rows.ravel())
+
+    @property
+    def selection(self) -> slice | Sequence[int]:
+        """Return the columns as an index of an array; a slice is several times faster than a list."""
+        columns = self.columns
+        return slice(columns.start, columns.stop) if isinstance(columns, range) else columns
 
     def rows(self, n_states: int) -> Array:
         """Return the derivatives (k, n)."""

@@ -76,15 +76,16 @@ class LaterInformation:
             half = 0.5 * added.dot(jacobian) - by_gain
             self._add_symmetric(jacobian, half)
             return
-        columns, rows = change.columns, change.rows(len(self.vector))
-        before, by_rows = self.vector[columns], self.matrix[columns]
-        self.vector[columns] = 0.0
-        self.matrix[columns] = 0.0
-        self.matrix[:, columns] = 0.0
+        selected, rows = change.selection, change.rows(len(self.vector))
+        before, by_rows = np.array(self.vector[selected]), np.array(self.matrix[selected])
+        self.vector[selected] = 0.0
+        self.matrix[selected] = 0.0
+        self.matrix[:, selected] = 0.0
         self.vector += before.dot(rows)
-        among = by_rows[:, columns]
-        by_rows[:, columns] = 0.0
-        self._add_symmetric(rows, by_rows + 0.5 * among.dot(rows))
+        half = 0.5 * by_rows[:, selected].dot(rows)
+        by_rows[:, selected] = 0.0
+        half += by_rows
+        self._add_symmetric(rows, half)
 
     def smooth(self, pose: Pose, terms: SmoothingTerms, pose_columns: Sequence[int]) -> Pose:
         """Return the pose at the end of a step with this information."""

@@ -138,7 +138,7 @@ def _set_radius_priors(initial: InitialState, config: WheelConfig) -> None:
     """Set the priors of the radii that no calibration gives.
 
     The error that all wheels share is a state only if positions or another odometer measure it. Otherwise a
-    wrong track width would be attributed to it, so it is no state and `add_common_scale` adds its covariance
+    wrong track width would be attributed to it, so it is no state and `common_scale_covariance` is added
     to the poses.
     """
     columns = [it.columns[WHEEL_RADIUS] for it in initial.wheels if WHEEL_RADIUS not in it.node.priors]

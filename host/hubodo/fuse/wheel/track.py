@@ -17,7 +17,7 @@ from hubodo.fuse.wheel.filter import ALIGNMENT_WINDOWS, WheelFilter
 from hubodo.fuse.wheel.fixed_lag import smooth_with_lag
 from hubodo.fuse.wheel.mirrored_axes import correct_mirrored_axes
 from hubodo.fuse.wheel.node_screening import find_own_gaps
-from hubodo.fuse.wheel.records import Pose, StepInput, add_common_scale
+from hubodo.fuse.wheel.records import Pose, StepInput, common_scale_covariance
 from hubodo.fuse.wheel.surface_speeds import SurfaceSpeeds
 from hubodo.fuse.wheel.window import WINDOW_S, WINDOWS_PER_SECOND
 from hubodo.recording import Table
@@ -134,6 +134,10 @@ def run_wheel_filter(
         ahead = math.ceil(lag / WINDOW_S - 1e-9)
         poses = smooth_with_lag(config, steps, ALIGNMENT_WINDOWS, ahead, *first_pass)
     track = track_from_poses(poses)
+    if lag > 0.0:
+        # The filter has added it to its own poses only.
+        scale = common_scale_covariance(wheel_filter.core.common_scale_sigma, track.x, track.y, track.speed)
+        track = track.with_covariance(track.covariance + scale)
     if len(wheel_filter.core.wheels) == 1 and rolled_mostly_backwards(wheel_filter.core.wheels[0]):
         track = track.with_covariance(_mirrored_covariance(track))
     report = build_report(wheel_filter, track, track.motion_state, lag)
@@ -145,8 +149,7 @@ def _smooth(wheel_filter: WheelFilter, poses: list[Pose], steps: Sequence[StepIn
     core, terms = wheel_filter.core, wheel_filter.smoothing_terms
     if terms is None:
         poses, terms = smoother.run_second_pass(core, steps, ALIGNMENT_WINDOWS)
-    smoothed = smoother.smooth_whole_log(poses, terms, core.pose_columns)
-    return [add_common_scale(pose, core.common_scale_sigma) for pose in smoothed]
+    return smoother.smooth_whole_log(poses, terms, core.pose_columns)
 
 
 def _rerun_without_clock_jump(

