@@ -123,6 +123,9 @@ class FusedRecording:
                 ("rms error", format_error(score.rms_error, score.rms_percent)),
                 ("largest error", format_error(score.maximum_error, score.maximum_percent)),
             ]
+            if score.rotation is not None and score.rotated_maximum_error is not None:
+                rotated = format_error(score.rotated_maximum_error, score.rotated_maximum_percent)
+                rows.append((f"rotated by {math.degrees(score.rotation):+.2f}°", f"{rotated} at most"))
             if score.heading_rms is not None:
                 rows.append(("heading rms", f"{math.degrees(score.heading_rms):.2f}°"))
         return rows
@@ -185,6 +188,7 @@ def fuse_recording(
         methods.append(f"factor graph with {' and '.join(_outside_sensors(recording, result))}")
         details["graph"] = _graph_details(recording, odometry, result)
         warnings += result.warnings + _radius_warnings(vehicle, odometry, result)
+    score = score_against_truth(track, recording)
     return FusedRecording(
         log,
         track,
@@ -193,8 +197,24 @@ def fuse_recording(
         odometry.nodes,
         details,
         calibration_from,
-        score_against_truth(track, recording),
-        warnings,
+        score,
+        warnings + _true_heading_warnings(score, track),
+    )
+
+
+def _true_heading_warnings(score: Score | None, track: Track) -> tuple[str, ...]:
+    """Return a warning if most of the error is a rotation of the track that its heading does not explain."""
+    if score is None or score.rotation is None or score.rotated_maximum_error is None:
+        return ()
+    if abs(score.rotation) < 3.0 * track.sigma_heading.max():
+        return ()
+    if score.rotated_maximum_error > 0.5 * score.maximum_error:
+        return ()
+    turned = math.degrees(score.rotation)
+    return (
+        f"truth: the largest error is {score.maximum_percent:.2f} % of the path, and "
+        f"{score.rotated_maximum_percent:.2f} % once the track is rotated by {turned:+.2f}° about its start; "
+        "the truth may report a wrong heading while the vehicle stands",
     )
 
 

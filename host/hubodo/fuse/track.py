@@ -61,6 +61,9 @@ class Score:
     final_error, rms_error, maximum_error : m.
     final_percent, rms_percent, maximum_percent : % of the true path, None where the truth does not move.
     heading_rms : rad, None where the truth has no heading.
+    rotation : rotation of the track about its start that fits the truth best, rad, anticlockwise; a truth may
+        have a wrong heading while the vehicle stands. None where the truth does not move.
+    rotated_maximum_error, rotated_maximum_percent : largest error after this rotation, m and % of the path.
     """
 
     final_error: float
@@ -70,6 +73,9 @@ class Score:
     rms_percent: float | None
     maximum_percent: float | None
     heading_rms: float | None
+    rotation: float | None = None
+    rotated_maximum_error: float | None = None
+    rotated_maximum_percent: float | None = None
 
 
 def track_from_states(states: Sequence[OdometryState], heading: float = 0.0) -> Track:
@@ -103,27 +109,29 @@ def cross_covariances(covariance: Array) -> tuple[Array, Array, Array]:
 def score_track(track: Track, t: Array, x: Array, y: Array, heading: Array | None) -> Score | None:
     """Return the error of a track against the truth (t, x, y, heading, each (M,)).
 
-    The truth is shifted to the track's first common position, never rotated. Returns None if they have no
-    common time.
+    The truth is shifted to the track's first common position; errors are those without a rotation, except
+    where their name says so. Returns None if they have no common time.
     """
     common = (track.t >= t[0]) & (track.t <= t[-1])
     if np.count_nonzero(common) < 2:
         return None
     t_common = track.t[common]
-    ex, ey = track.x[common] - np.interp(t_common, t, x), track.y[common] - np.interp(t_common, t, y)
-    error = np.hypot(ex - ex[0], ey - ey[0])
+    position = track.x[common] + 1j * track.y[common]
+    true_position = np.interp(t_common, t, x) + 1j * np.interp(t_common, t, y)
+    position, true_position = position - position[0], true_position - true_position[0]
+    error = np.abs(position - true_position)
     path = float(np.sum(np.hypot(np.diff(x), np.diff(y))))
-    rms = float(np.sqrt(np.mean(error**2)))
-    final, maximum = float(error[-1]), float(error.max())
     heading_rms = None
     if heading is not None:
         error_heading = track.heading[common] - np.interp(t_common, t, np.unwrap(heading))
         heading_rms = float(np.sqrt(np.mean((np.mod(error_heading + np.pi, 2 * np.pi) - np.pi) ** 2)))
-
-    def percent(value: float) -> float | None:
-        return 100.0 * value / path if path > 0.0 else None
-
-    return Score(final, rms, maximum, percent(final), percent(rms), percent(maximum), heading_rms)
+    errors = (float(error[-1]), float(np.sqrt(np.mean(error**2))), float(error.max()))
+    if not path > 0.0:
+        return Score(*errors, None, None, None, heading_rms)
+    rotation = float(np.angle(np.vdot(position, true_position)))
+    rotated = float(np.abs(position * np.exp(1j * rotation) - true_position).max())
+    final, rms, largest, rotated_percent = (100.0 * value / path for value in (*errors, rotated))
+    return Score(*errors, final, rms, largest, heading_rms, rotation, rotated, rotated_percent)
 
 
 def format_error(error: float, percent: float | None, suffix: str = "") -> str:

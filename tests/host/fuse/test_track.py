@@ -63,6 +63,19 @@ def test_truth_is_shifted_to_the_start_of_the_track():
     assert straight().distance == pytest.approx(20.0)
 
 
+@pytest.mark.parametrize("degrees", [-170.0, -17.9, 40.0])
+def test_a_track_rotated_about_its_start_fits_the_truth_after_that_rotation(degrees):
+    """The truth bends and has a bump of 0.3 m, so that a wrong sign or centre would leave errors."""
+    x, y = 2.0 * T, 0.1 * T**2
+    turned = (x + 1j * (y + 0.3 * np.exp(-((T - 5.0) ** 2)))) * np.exp(1j * np.radians(degrees))
+    track = Track(T, 3.0 + x, y - 4.0, 0.0 * T, 0.0 * T, *np.zeros((3, len(T))))
+    result = score_track(track, T, turned.real, turned.imag, None)
+    assert np.degrees(result.rotation) == pytest.approx(degrees, abs=0.5)
+    assert 0.2 < result.rotated_maximum_error < 0.3 < result.maximum_error
+    path = np.abs(np.diff(turned)).sum()
+    assert result.rotated_maximum_percent == pytest.approx(100.0 * result.rotated_maximum_error / path)
+
+
 def test_only_the_common_time_of_track_and_truth_is_scored():
     error = 0.3 * np.clip(T - 4.0, 0.0, 2.0)
     selected = (T >= 4.0) & (T <= 8.0)
@@ -91,3 +104,4 @@ def test_a_stationary_truth_has_no_percentages():
     result = score_track(straight(), T, ZEROS, ZEROS, None)
     assert result.final_error == pytest.approx(20.0)
     assert (result.final_percent, result.rms_percent, result.maximum_percent) == (None, None, None)
+    assert result.rotation is None and result.rotated_maximum_error is None

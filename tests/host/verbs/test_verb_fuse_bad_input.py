@@ -143,6 +143,16 @@ def test_without_an_initial_standstill_the_heading_sigma_is_larger_with_a_warnin
     assert result.json["truth"]["heading_rms"] < 0.01
 
 
+def test_a_wrong_heading_of_the_truth_is_distinguished_from_an_error_of_the_track(folder, valid_recording):
+    truth = valid_recording.truth
+    wrong = with_columns(truth, heading=truth["heading"] + np.radians(20.0))
+    result = folder.fuse(replace(valid_recording, truth=wrong))
+    assert "wrong heading" in result.warnings
+    truth = result.json["truth"]
+    assert truth["rotation"] == pytest.approx(np.radians(-20.0), abs=np.radians(0.5))
+    assert truth["rotated_maximum_percent"] < 1.0 < truth["maximum_percent"]
+
+
 @pytest.mark.parametrize(
     "parts", [[(20.0, 0.0, 0.0)], [STANDSTILL, (10.0, 0.2, 0.8), (10.0, 0.125, 0.5), END]]
 )
