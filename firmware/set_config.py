@@ -3,7 +3,9 @@
 import settings
 from drivers.chip import nearest
 from wire import (
+    BIAS_KIND_GRAVITY,
     CONFIG_KEY_ACCEL_RANGE_G,
+    CONFIG_KEY_BIAS_KIND,
     CONFIG_KEY_FILTER_KIND,
     CONFIG_KEY_FORGETTING_Q20,
     CONFIG_KEY_GAIN_BIAS_Q30,
@@ -32,7 +34,14 @@ def set_config(node, seq, key, value):
         return
     _, name, least, most = row
     choices = _choices(node.parts.chip, key)
-    if not least <= value <= most or (choices is not None and nearest(choices, value)[0] != value):
+    # Without enough heap for both, the second accelerometer would be off after the next start.
+    is_gravity = key == CONFIG_KEY_BIAS_KIND and value == BIAS_KIND_GRAVITY
+    is_refused = is_gravity and node.settings.get("high_g_rate_hz")
+    if (
+        is_refused
+        or not least <= value <= most
+        or (choices is not None and nearest(choices, value)[0] != value)
+    ):
         commands.nack(SET_CONFIG, seq, REASON_BAD_VALUE, value)
         return
     node.settings[name] = value

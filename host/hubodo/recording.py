@@ -22,6 +22,9 @@ Column = NDArray[np.float64]
 NODE_COLUMNS = ("t", "gx", "gy", "gz", "ax", "ay", "az")
 NODE_OPTIONAL_COLUMNS = ("temperature", "supply")
 """Optional columns of a node's table, °C and V; NaN where the value is unknown."""
+HIGH_G_COLUMNS = ("t", "ax", "ay", "az")
+HIGH_G_SUFFIX = ".high_g"
+"""Ending of the file of a node's second accelerometer, `<node>.high_g.csv`."""
 BIAS_FILTER_COLUMNS = (
     "t",
     "state",
@@ -177,6 +180,7 @@ class Recording:
     nodes : tables by node name, columns `t,gx,gy,gz,ax,ay,az[,temperature][,supply]` and any others.
     reference, wheels, gnss, heading, table, truth : tables of the CSV folder's files of that name, or None.
     magnetometers : tables by node name, `t,mx,my,mz` in tesla.
+    high_g : tables by node name of a second accelerometer with a larger range, `t,ax,ay,az` in m/s².
     bias_filters : gyro bias as estimated by the firmware, by node name, columns `BIAS_FILTER_COLUMNS`: rad/s,
         node axes; state as in the wire's FilterState; NaN where the node does not know a sigma.
     odometry : `t,x,y,heading,speed,yaw_rate` as recorded live.
@@ -194,6 +198,7 @@ class Recording:
     table: Table | None = None
     truth: Table | None = None
     magnetometers: Mapping[str, Table] = field(default_factory=dict)
+    high_g: Mapping[str, Table] = field(default_factory=dict)
     bias_filters: Mapping[str, Table] = field(default_factory=dict)
     odometry: Table | None = None
     events: tuple[Event, ...] = ()
@@ -202,7 +207,7 @@ class Recording:
     warnings: tuple[str, ...] = ()
 
     def files(self) -> dict[str, Table]:
-        """Return the tables of the CSV folder by file name without suffix, nodes first.
+        """Return the tables of the CSV folder by file name without suffix, those of nodes first.
 
         Returns
         -------
@@ -210,7 +215,8 @@ class Recording:
             The tables that the recording has.
         """
         named = {name: getattr(self, name) for name in TABLE_FILE_COLUMNS}
-        return {**self.nodes, **{name: table for name, table in named.items() if table is not None}}
+        high_g = {name + HIGH_G_SUFFIX: table for name, table in self.high_g.items()}
+        return {**self.nodes, **high_g, **{name: table for name, table in named.items() if table is not None}}
 
     def __repr__(self) -> str:
         return f"Recording({', '.join(f'{name}: {len(table)}' for name, table in self.files().items())})"
@@ -238,3 +244,21 @@ TABLE_FILE_COLUMNS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "truth": (("t", "x", "y"), ("heading",)),
 }
 """Required and optional columns of the files of a CSV folder that are not nodes."""
+
+
+def is_node_file(name: str) -> bool:
+    """Return True if a file of the CSV folder, without suffix, holds the samples of a node."""
+    return name not in TABLE_FILE_COLUMNS and not name.endswith(HIGH_G_SUFFIX)
+
+
+def file_columns(name: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the required and the optional columns of a file of the CSV folder, without suffix."""
+    node = (HIGH_G_COLUMNS, ()) if name.endswith(HIGH_G_SUFFIX) else (NODE_COLUMNS, NODE_OPTIONAL_COLUMNS)
+    return TABLE_FILE_COLUMNS.get(name, node)
+
+
+def split_high_g(tables: Mapping[str, Table]) -> tuple[dict[str, Table], dict[str, Table]]:
+    """Return tables by file name without those of second accelerometers, and these by node."""
+    others = {name: table for name, table in tables.items() if not name.endswith(HIGH_G_SUFFIX)}
+    high_g = {name.removesuffix(HIGH_G_SUFFIX): table for name, table in tables.items() if name not in others}
+    return others, high_g

@@ -9,7 +9,7 @@ from hubodo.emulator.chips.faults import BusNack
 from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.motion import RecordedMotion
 from hubowire import messages as m
-from virtual_runs import messages_of, run
+from virtual_runs import messages_of, request, run
 
 T = np.arange(0.0, 6.0, 0.002)
 FORCE = np.stack([900 * np.sin(2 * T), 300 * np.cos(3 * T), 9.8 + 5 * np.sin(T)], axis=1)
@@ -73,6 +73,15 @@ def test_a_choice_without_enough_heap_has_no_second_accelerometer():
     config = {"high_g_rate_hz": 400, "bias_kind": int(m.BiasKind.GRAVITY)}
     sent, _, _ = run(2, motion=MOTION, config=config, sensors=SensorBoard(high_g=True))
     assert not messages_of(sent, m.HighG)
+
+
+def test_a_setting_for_which_the_heap_has_no_room_beside_the_chip_is_refused():
+    script = [(1.0, request(9, m.SetConfig(m.ConfigKey.BIAS_KIND, m.BiasKind.GRAVITY)))]
+    for high_g_rate_hz, refused in ((400, True), (0, False)):
+        config = {"high_g_rate_hz": high_g_rate_hz}
+        sent, _, _ = run(2, motion=MOTION, config=config, sensors=SensorBoard(high_g=True), script=script)
+        answers = [answer.reason for answer in messages_of(sent, m.Nack)]
+        assert answers == ([m.Reason.BAD_VALUE] if refused else [])
 
 
 def test_the_emulated_chip_is_in_standby_at_reset_and_gives_the_oldest_sample_of_its_fifo_first():

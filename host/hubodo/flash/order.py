@@ -53,6 +53,7 @@ class SettingsOrder:
         if self.keys is not None:
             settings["key"] = self.keys.get_or_create_key(serial).hex()
         if self.calibration is None:
+            _check_heap(settings)
             return settings
         number = settings.get("node_id", 1)
         name = node_name(number if isinstance(number, int) else 1)
@@ -65,7 +66,9 @@ class SettingsOrder:
                 f"{self.path}: nodes.{name} belongs to the board with serial {node.serial}, this one has "
                 f"{serial}; give its own calibration, or another --node"
             )
-        return apply_calibration_to_config(settings, node)
+        settings = apply_calibration_to_config(settings, node)
+        _check_heap(settings)
+        return settings
 
 
 def parse_node_id(text: str, context: str = "--node") -> int:
@@ -97,13 +100,21 @@ def parse_settings(words: Iterable[str]) -> dict[str, object]:
         settings[name] = text if types[name] is str else value
         if type(settings[name]) is not types[name]:
             raise InputError(f"--set {word}: {name} must be {types[name].__name__}, see firmware/README.md")
-    takes_heap = settings.get("warmup_udps") or settings.get("bias_kind") == BiasKind.GRAVITY
-    if settings.get("high_g_rate_hz") and takes_heap:
-        raise InputError(
-            "--set high_g_rate_hz: with warmup_udps or bias_kind 3 less than 8 kB of the node's heap "
-            "would be left; leave out one of them"
-        )
+    _check_heap(settings)
     return settings
+
+
+def _check_heap(settings: Mapping[str, object]) -> None:
+    """Raise InputError for two choices of which the node would switch one off for lack of heap."""
+    for name, is_chosen in (
+        ("warmup_udps (of a calibration with a warm-up)", bool(settings.get("warmup_udps"))),
+        ("bias_kind 3", settings.get("bias_kind") == BiasKind.GRAVITY),
+    ):
+        if is_chosen and settings.get("high_g_rate_hz"):
+            raise InputError(
+                f"high_g_rate_hz and {name}: with both, less than 8 kB of the node's heap would be left; "
+                "switch one of them off, such as by --set high_g_rate_hz=0"
+            )
 
 
 def _setting_types() -> dict[str, type]:

@@ -100,6 +100,11 @@ def determine_ranges(
     return NodeRanges(ranges["gyro"], ranges["accel"], corrected, tuple(warnings))
 
 
+def uncorrected_accel_limit(accel_range: float) -> float:
+    """Return the value, m/s², from which on samples that no calibration has corrected count as saturated."""
+    return _CLIPPING_FRACTION * accel_range
+
+
 def node_metadata(metadata: Mapping[str, str], name: str) -> dict[str, str]:
     """Return the metadata of one node in the metadata of a log."""
     prefix = f"node.{name}."

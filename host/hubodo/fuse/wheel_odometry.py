@@ -19,7 +19,8 @@ from hubodo.fuse.graph.factors.constants import (
     sigmas_for_wheel_speeds,
 )
 from hubodo.fuse.latitude import add_latitude, latitude_warnings
-from hubodo.fuse.ranges import NodeRanges, determine_ranges, node_metadata
+from hubodo.fuse.range_extension import extend_table
+from hubodo.fuse.ranges import NodeRanges, determine_ranges, node_metadata, uncorrected_accel_limit
 from hubodo.fuse.rolling_wheel import WheelSamples, WheelSpec
 from hubodo.fuse.track import Track, track_from_states
 from hubodo.fuse.wheel.config import add_node_biases, wheel_config
@@ -129,6 +130,7 @@ def compute_wheel_odometry(
     names = select_wheel_nodes(recording, vehicle, nodes, log)
     check_times({name: recording.nodes[name] for name in names}, log)
     ranges = determine_log_ranges(recording, vehicle, names, corrected=calibration is not None)
+    recording = extend_ranges(recording, ranges)
     applied = None
     if calibration is not None:
         applied = apply_calibration(
@@ -165,6 +167,18 @@ def determine_log_ranges(
         )
         for name in names
     }
+
+
+def extend_ranges(recording: Recording, ranges: Mapping[str, NodeRanges]) -> Recording:
+    """Return the recording with saturated accelerations replaced where a node has a second accelerometer."""
+    extended = {
+        name: extend_table(
+            recording.nodes[name], recording.high_g[name], uncorrected_accel_limit(ranges[name].accel.value)
+        )
+        for name in ranges
+        if name in recording.high_g
+    }
+    return replace(recording, nodes={**recording.nodes, **extended}) if extended else recording
 
 
 def _run_wheel_filter(

@@ -27,7 +27,7 @@ from hubodo.log.recording_reader import build_recording
 from hubodo.log.recording_writer import write_recording
 from hubodo.log.row_checks import drop_implausible_rows
 from hubodo.log.source import MessageSource, is_hubodo_log
-from hubodo.recording import NODE_COLUMNS, TABLE_FILE_COLUMNS, Recording
+from hubodo.recording import NODE_COLUMNS, TABLE_FILE_COLUMNS, Recording, split_high_g
 
 _DEFAULT_FORMAT = InputFormat()
 _TEXT_SUFFIXES = (".csv", ".tsv", ".txt")
@@ -65,6 +65,7 @@ def read_log(
         return recording
     special: dict[str, Any] = {name: non_empty.get(name) for name in TABLE_FILE_COLUMNS}
     nodes = {name: non_empty[name] for name in recording.nodes if name in non_empty}
+    special["high_g"] = split_high_g(non_empty)[1]
     warnings = (*recording.warnings, *(f"{path}: {line}" for line in notes))
     return replace(recording, nodes=nodes, warnings=warnings, **special)
 

@@ -10,7 +10,16 @@ from hubodo.atomic_files import atomic_folder
 from hubodo.errors import InputError
 from hubodo.log import parquet_table
 from hubodo.log.csv_table import ParsedFile, read_table, write_table
-from hubodo.recording import NODE_COLUMNS, TABLE_FILE_COLUMNS, Event, Recording, Table
+from hubodo.recording import (
+    NODE_COLUMNS,
+    TABLE_FILE_COLUMNS,
+    Event,
+    Recording,
+    Table,
+    file_columns,
+    is_node_file,
+    split_high_g,
+)
 from hubodo.safe_text import json_text
 
 TableFormat = Literal["csv", "parquet"]
@@ -41,12 +50,11 @@ def read_files(
     for number, (name, path) in enumerate(files.items()):
         if progress:
             progress(f"reading {path.name}", number / len(files))
-        required = TABLE_FILE_COLUMNS[name][0] if name in TABLE_FILE_COLUMNS else NODE_COLUMNS
-        parsed = _read_file(path, required, repair, is_node=name not in TABLE_FILE_COLUMNS)
+        parsed = _read_file(path, file_columns(name)[0], repair, is_node=is_node_file(name))
         tables[name] = parsed.table
         if parsed.dropped:
             dropped[path.name] = dict(parsed.dropped)
-    nodes = {name: table for name, table in tables.items() if name not in TABLE_FILE_COLUMNS}
+    nodes = {name: table for name, table in tables.items() if is_node_file(name)}
     earliest = min(table.t[0] for table in tables.values() if len(table))
     t_zero_ns = max(0, -int(earliest // 1)) * 1_000_000_000
     events = tuple(
@@ -57,6 +65,7 @@ def read_files(
     if repair:
         metadata["repaired"] = json_text(dropped)
     special: dict[str, Any] = {name: table for name, table in tables.items() if name in TABLE_FILE_COLUMNS}
+    special["high_g"] = split_high_g(tables)[1]
     return Recording(nodes, events=events, metadata=metadata, t_zero_ns=t_zero_ns, **special)
 
 
@@ -102,7 +111,7 @@ def _find_files(folder: Path) -> dict[str, Path]:
                 f"{folder}: holds both {path_by_name[name].name} and {path.name}; remove one of them"
             )
         path_by_name[name] = path
-    if all(name in TABLE_FILE_COLUMNS for name in path_by_name) and "wheels" not in path_by_name:
+    if not any(map(is_node_file, path_by_name)) and "wheels" not in path_by_name:
         deeper = next(iter(sorted(it for depth in _HINT_DEPTHS for it in folder.glob(depth))), None)
         hint = f"; give the file of another program alone, such as {deeper}" if deeper else ""
         raise InputError(

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from hubodo.log import topics
 from hubodo.recording import Event
 
 
@@ -23,13 +24,19 @@ class LossTotal:
     duration: float
 
 
-_WIRE_MESSAGE_OF_TOPIC: Mapping[str, str] = {"imu": "ImuBatch", "mag": "Mag", "bias_filter": "Filter"}
+_WIRE_MESSAGE_OF_TOPIC: Mapping[str, str] = {
+    "imu": "ImuBatch",
+    "mag": "Mag",
+    "bias_filter": "Filter",
+    "high_g": "HighG",
+}
 """Topic suffix of a node -> name of its wire message in `gap` events."""
 
 
 def explain_gap(topic: str, begin_ns: int, end_ns: int, events: Iterable[Event]) -> str:
     """Return the cause given by the `gap` event of the same node that overlaps most in time."""
-    node, _, kind = topic[1:].partition("/")
+    high_g_node = topic.removeprefix(topics.COLUMNS_PREFIX + topics.HIGH_G_PREFIX)
+    node, _, kind = topic[1:].partition("/") if high_g_node == topic else (high_g_node, "", "high_g")
     wire_message = _WIRE_MESSAGE_OF_TOPIC.get(kind, kind)
     longest_overlap, explanation = 0, ""
     for event in events:

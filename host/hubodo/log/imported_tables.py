@@ -67,7 +67,7 @@ def _channel_parts(
     log: DecodedLog, name: str, columns: list[str]
 ) -> list[tuple[ChannelRows, dict[str, NDArray[np.float64]]]]:
     parts = []
-    if (imu := log.rows_of_type(topics.imu_topic(name), ros2.IMU)) and lossless_ros_columns(name)[0] == "gx":
+    if (imu := log.rows_of_type(topics.imu_topic(name), ros2.IMU)) and "gx" in lossless_ros_columns(name):
         names = NODE_COLUMNS[1:]
         stacked = np.hstack([imu.values["angular_velocity"], imu.values["linear_acceleration"]])
         parts.append((imu, dict(zip(names, stacked.T, strict=True))))
@@ -79,6 +79,7 @@ def _channel_parts(
     if name == "truth" and (truth := log.rows_of_type(topics.TRUTH, ros2.ODOMETRY)):
         position = truth.values["pose.pose.position"]
         parts.append((truth, {"x": position[:, 0], "y": position[:, 1]}))
-    if others := log.rows_of_type(topics.COLUMNS_PREFIX + name, ros2.FLOAT64_ARRAY):
-        parts.append((others, log.named_columns(topics.COLUMNS_PREFIX + name, others)))
+    topic = topics.COLUMNS_PREFIX + topics.columns_name(name)
+    if others := log.rows_of_type(topic, ros2.FLOAT64_ARRAY):
+        parts.append((others, log.named_columns(topic, others)))
     return parts

@@ -19,7 +19,16 @@ from hubodo.log.roles import SELECT_BY_TYPE, RoleAssignment, TopicCandidate, Top
 from hubodo.log.row_checks import drop_non_finite_rows
 from hubodo.log.source import MessageSource, Stream, is_hubodo_log
 from hubodo.log.timebase import to_seconds
-from hubodo.recording import BIAS_FILTER_COLUMNS, NODE_COLUMNS, TABLE_FILE_COLUMNS, Recording, Table
+from hubodo.recording import (
+    BIAS_FILTER_COLUMNS,
+    HIGH_G_COLUMNS,
+    HIGH_G_SUFFIX,
+    NODE_COLUMNS,
+    TABLE_FILE_COLUMNS,
+    Recording,
+    Table,
+    split_high_g,
+)
 
 __all__ = ["Log", "LogMessage", "Stream", "open_log", "read_recording"]
 
@@ -75,6 +84,7 @@ class _RecordingBuilder:
             if not (topic == topics.imu_topic(name) and name in imported and name in tables):
                 tables[name if name not in tables else name + "_"] = self._node_table(topic)
         self._add_role_tables(tables, roles)
+        self._add_high_g_tables(tables)
         tables, row_notes = drop_non_finite_rows(tables)
         for line in row_notes:
             self.decoded.add_note(line)
@@ -90,6 +100,7 @@ class _RecordingBuilder:
             for topic, (_, rows) in self.decoded.rows.items()
             if topic == topics.bias_filter_topic(topic[1:].removesuffix("/bias_filter")) and len(rows)
         }
+        tables, high_g = split_high_g(tables)
         special: dict[str, Any] = {name: tables.pop(name) for name in TABLE_FILE_COLUMNS if name in tables}
         metadata = dict(self.log.metadata)
         if not self.is_hubodo:
@@ -99,6 +110,7 @@ class _RecordingBuilder:
         return Recording(
             tables,
             magnetometers=magnetometers,
+            high_g=high_g,
             bias_filters={name: table for name, table in bias_filters.items() if table is not None},
             odometry=self._odometry_table(topics.ODOM),
             events=self.decoded.events,
@@ -162,6 +174,17 @@ class _RecordingBuilder:
                 columns = self.decoded.named_columns(topic, rows)
                 columns.pop("t", None)
                 if set(TABLE_FILE_COLUMNS[name][0]) <= {"t", *columns}:
+                    tables[name] = self.decoded.time_table(topic, rows, columns)
+
+    def _add_high_g_tables(self, tables: dict[str, Table]) -> None:
+        """Add the tables of second accelerometers, for logs that are not imports."""
+        for topic in self.decoded.rows:
+            columns_name = topic.removeprefix(topics.COLUMNS_PREFIX)
+            name = columns_name.removeprefix(topics.HIGH_G_PREFIX) + HIGH_G_SUFFIX
+            rows = self.decoded.rows_of_type(topic, ros2.FLOAT64_ARRAY)
+            if topic == topics.COLUMNS_PREFIX + topics.columns_name(name) and name not in tables and rows:
+                columns = self.decoded.named_columns(topic, rows)
+                if set(HIGH_G_COLUMNS[1:]) <= set(columns):
                     tables[name] = self.decoded.time_table(topic, rows, columns)
 
     def _role_table(self, role: str, topic: str) -> Table:

@@ -3,9 +3,10 @@
 Topics: node -> /<node>/imu (+ /<node>/temperature, /<node>/battery), gnss -> /gnss/fix, truth -> /truth;
 magnetometers, bias filters and odometry have their own. Values that a ROS message cannot hold to the last bit
 (t between whole ns, a supply, which is a float32 there, unknown columns, sigma, files without a ROS type) are
-written to /hubodo/columns/<file>, one Float64MultiArray per row, the column names in the channel's metadata
-`columns`. The metadata record `hubodo.csv` lists the columns of each file in order. Row i of a file has
-sequence number i in every channel that holds a part of it, so that readers can join the parts.
+written to /hubodo/columns/<file> (of a second accelerometer: high_g/<node>), one Float64MultiArray per row,
+the column names in the channel's metadata `columns`. The metadata record `hubodo.csv` lists the columns of
+each file in order. Row i of a file has sequence number i in every channel that holds a part of it, so that
+readers can join the parts.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from hubodo.log.log_writer import LogWriter
 from hubodo.log.mcap_file import Compression
 from hubodo.log.ros2 import UNKNOWN_VARIANCE
 from hubodo.log.timebase import round_trips_exactly, to_ns
-from hubodo.recording import BIAS_FILTER_COLUMNS, NODE_COLUMNS, Recording, Table
+from hubodo.recording import BIAS_FILTER_COLUMNS, HIGH_G_SUFFIX, NODE_COLUMNS, Recording, Table
 from hubodo.safe_text import json_text
 from hubodo.units import NS_PER_S
 from hubodo.vehicle import Vehicle
@@ -43,7 +44,7 @@ LOSSLESS_ROS_COLUMNS: Mapping[str, tuple[str, ...]] = {
 
 def lossless_ros_columns(name: str) -> tuple[str, ...]:
     """Return the columns of a file, except `t`, that its ROS messages hold to the last bit."""
-    if name in ("reference", "wheels", "heading", "table"):
+    if name in ("reference", "wheels", "heading", "table") or name.endswith(HIGH_G_SUFFIX):
         return ()
     return LOSSLESS_ROS_COLUMNS.get(name, (*NODE_COLUMNS[1:], "temperature"))
 
@@ -146,9 +147,8 @@ def _file_writer(name: str, table: Table, t_zero_ns: int) -> _TableWriter:
         if write_messages is not None:
             write_messages(log, name, table, t_ns, rows)
         if float_values or write_messages is None:
-            log.write_columns(
-                name, t_ns, t_ns, {column: values[rows] for column, values in float_values.items()}
-            )
+            values = {column: array[rows] for column, array in float_values.items()}
+            log.write_columns(topics.columns_name(name), t_ns, t_ns, values)
 
     return _TableWriter(name, t_ns, write)
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from hubodo.arrays import Array
 from hubodo.log import topics
 from hubodo.log.log_writer import LogWriter
-from hubodo.recording import Event
+from hubodo.recording import HIGH_G_COLUMNS, Event
 
 Times = NDArray[np.int64]
 
@@ -48,6 +48,8 @@ class ImuBlock:
         Host time at which the log records the block.
     supply
         Newest supply voltage before the samples, V; None if unknown.
+    beyond_range
+        (N,) True where a second accelerometer replaced saturated values for the odometry; None if nowhere.
     """
 
     node: str
@@ -60,12 +62,28 @@ class ImuBlock:
     t_log_ns: int = 0
     power_on_ns: int | None = None
     supply: float | None = None
+    beyond_range: NDArray[np.bool_] | None = None
 
     def write_to(self, log: LogWriter) -> None:
         """Write samples and temperature."""
         log.write_imu(self.node, self.t_ns, self.t_log_ns, self.gyro, self.accel)
         if self.temperature is not None:
             log.write_temperature(self.node, self.t_ns[:1], self.t_log_ns, self.temperature)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HighGSamples:
+    """Samples of a node's second accelerometer; accel: (N, 3) m/s², uncalibrated, node axes."""
+
+    node: str
+    t_ns: Times
+    t_log_ns: int
+    accel: Array
+
+    def write_to(self, log: LogWriter) -> None:
+        """Write the samples."""
+        columns = dict(zip(HIGH_G_COLUMNS[1:], self.accel.T, strict=True))
+        log.write_columns(topics.HIGH_G_PREFIX + self.node, self.t_ns, self.t_log_ns, columns)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -319,8 +337,12 @@ class Metadata:
         log.add_metadata(self.name, self.values)
 
 
+NodeSamples = ImuBlock | HighGSamples
+"""Samples of a node that the odometry processes."""
+
 LogRecord = (
     ImuBlock
+    | HighGSamples
     | ImuRun
     | ImuNoise
     | Battery

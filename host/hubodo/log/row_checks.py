@@ -7,7 +7,7 @@ from itertools import chain
 
 import numpy as np
 
-from hubodo.recording import NODE_COLUMNS, NODE_OPTIONAL_COLUMNS, TABLE_FILE_COLUMNS, Table, missing_channels
+from hubodo.recording import NODE_COLUMNS, TABLE_FILE_COLUMNS, Table, file_columns, missing_channels
 
 
 def drop_non_finite_rows(tables: Mapping[str, Table]) -> tuple[dict[str, Table], list[str]]:
@@ -19,7 +19,7 @@ def drop_non_finite_rows(tables: Mapping[str, Table]) -> tuple[dict[str, Table],
     valid, notes = {}, []
     partial = _partial_nodes(tables)
     for name, table in tables.items():
-        needed = TABLE_FILE_COLUMNS.get(name, (NODE_COLUMNS,))[0]
+        needed = file_columns(name)[0]
         if missing := [column for column in needed if column not in table]:
             notes.append(f"{name}: its columns {', '.join(missing)} are missing; left out")
             continue
@@ -68,7 +68,7 @@ def drop_implausible_rows(tables: Mapping[str, Table]) -> tuple[dict[str, Table]
     """Return the tables without rows of implausibly large values, and a note for each that had any."""
     valid, notes = {}, []
     for name, table in tables.items():
-        known = [*chain(*TABLE_FILE_COLUMNS.get(name, ((*NODE_COLUMNS, *NODE_OPTIONAL_COLUMNS), ())))]
+        known = [*chain(*file_columns(name))]
         implausible = np.zeros(len(table), bool)
         for column in known:
             if column in table and column != "t":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from hubodo.recording import HIGH_G_SUFFIX
 from hubodo.safe_text import json_text
 
 HUBODO_PREFIX = "/hubodo/"
@@ -9,6 +10,8 @@ EVENTS = "/hubodo/events"
 RAW_PREFIX = "/hubodo/raw/"
 CLOCK_REQUEST_PREFIX = "/hubodo/asked/"
 COLUMNS_PREFIX = "/hubodo/columns/"
+HIGH_G_PREFIX = "high_g/"
+"""Columns of a node's second accelerometer, after the prefix."""
 WHEELS = "wheels"
 """Columns with the surface speeds of another odometer, after the prefix."""
 ODOM = "/odom"
@@ -65,3 +68,9 @@ def bias_filter_topic(node: str) -> str:
 def magnetic_field_topic(node: str) -> str:
     """Return the topic of a node's magnetometer."""
     return f"/{node}/mag"
+
+
+def columns_name(file: str) -> str:
+    """Return the name of a file's columns, after the prefix, from its name in the CSV folder."""
+    node = file.removesuffix(HIGH_G_SUFFIX)
+    return file if node == file else HIGH_G_PREFIX + node

@@ -28,7 +28,7 @@ from hubodo.fuse.wheel.calibration.positions import Positions
 from hubodo.fuse.wheel.calibration.result import WheelCalibration
 from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.node_screening import check_times
-from hubodo.fuse.wheel_odometry import determine_log_ranges
+from hubodo.fuse.wheel_odometry import determine_log_ranges, extend_ranges
 from hubodo.log.any_log import read_log
 from hubodo.log.roles import NODES_ROLE
 from hubodo.log.units import check_units
@@ -109,15 +109,13 @@ def run(args: argparse.Namespace) -> WheelCalibration:
     priors = WheelPriors(*(getattr(args, f"{name}_sigma") for name in ("radius", "track", "scale")))
     try:
         present = [name for name in vehicle.nodes if name in recording.nodes]
-        config = wheel_config(
-            add_latitude(vehicle, recording),
-            present,
-            ranges=determine_log_ranges(recording, vehicle, present),
-        )
+        ranges = determine_log_ranges(recording, vehicle, present)
+        config = wheel_config(add_latitude(vehicle, recording), present, ranges=ranges)
     except ValueError as error:
         raise InputError(f"{args.log}: {error}; name the nodes in the vehicle file as in the log") from None
     check_times({name: recording.nodes[name] for name in config.nodes}, str(args.log))
-    calibration = calibrate_wheels(config, recording.nodes, positions, priors)
+    nodes = extend_ranges(recording, ranges).nodes
+    calibration = calibrate_wheels(config, nodes, positions, priors)
     calibration = replace(
         calibration,
         warnings=recording.warnings + tuple(calibration.warnings),

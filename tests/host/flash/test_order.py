@@ -81,6 +81,20 @@ def test_a_calibration_gives_the_settings_of_its_node() -> None:
     assert config["bias_udps"] == [572958] * 3
 
 
+def test_a_setting_without_enough_heap_is_refused_whichever_command_sets_the_other_one() -> None:
+    high_g = {"high_g_rate_hz": 400}
+    with pytest.raises(InputError, match=r"high_g_rate_hz and bias_kind 3: .* --set high_g_rate_hz=0"):
+        parse_settings(["high_g_rate_hz=400", "bias_kind=3"])
+    with pytest.raises(InputError, match="high_g_rate_hz and bias_kind 3"):
+        SettingsOrder({"bias_kind": 3}).config(high_g, SERIAL)
+    warm_up = {axis: Quantity(0.001, 1e-4) for axis in "xyz"} | {"time_constant": Quantity(60.0, 1.0)}
+    node = NodeCalibration({"gyro_warmup": CalibratedEffect(warm_up)}, SERIAL)
+    order = SettingsOrder({}, Calibration({"left": node}), Path("calibration.toml"))
+    with pytest.raises(InputError, match="high_g_rate_hz and warmup_udps"):
+        order.config(high_g, SERIAL)
+    assert SettingsOrder({"bias_kind": 3, "high_g_rate_hz": 0}).config(high_g, SERIAL)["bias_kind"] == 3
+
+
 def test_a_calibration_of_another_node_or_board_is_refused() -> None:
     order = SettingsOrder({"node_id": 2}, _calibration(SERIAL), Path("calibration.toml"))
     with pytest.raises(InputError, match="no node 'right', only left; give --node"):

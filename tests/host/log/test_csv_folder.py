@@ -33,6 +33,7 @@ FILES = {
     "heading": (["t", "heading"], ["sigma"]),
     "table": (["t", "angle", "moving"], []),
     "truth": (["t", "x", "y"], ["heading"]),
+    "left.high_g": (["t", "ax", "ay", "az"], []),
 }
 SPECIAL_NUMBERS = st.sampled_from(
     ["-0.0", "0", "1e-310", "-5e-324", "1.7976931348623157e308", "0.1", "1E5", "+3", ".5", "7.", "00.10",

@@ -20,6 +20,10 @@ def test_a_gap_is_explained_by_the_event_of_its_node_that_overlaps_most():
     assert explain_gap("/left/imu", 1 * S, 6 * S, events) == "reset"
     assert explain_gap("/left/imu", 20 * S, 21 * S, events) == "not explained by any event"
     assert explain_gap("/left/mag", 2 * S, 9 * S, events) == "magnetometer only"
+    events.append(gap(2, 7.0, "second accelerometer only", stream="HighG"))
+    high_g = "/hubodo/columns/high_g/left"
+    assert explain_gap(high_g, 2 * S, 9 * S, events) == "second accelerometer only"
+    assert explain_gap("/left/imu", 2 * S, 9 * S, events) == "reset"
 
 
 def test_losses_are_summed_by_node_and_cause_and_unknown_counts_counted():

@@ -39,6 +39,7 @@ from hubodo.fuse.wheel.records import Pose, SmoothingTerms, StepInput
 from hubodo.fuse.wheel.surface_speeds import SurfaceSpeeds
 from hubodo.fuse.wheel.wheel import Wheel
 from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOWS_PER_SECOND, Window
+from hubodo.recording import Table
 from hubodo.vehicle import facing_sign
 
 ALIGNMENT_WINDOWS = WINDOWS_PER_SECOND
@@ -64,12 +65,29 @@ _MAX_SPEED_OUTAGE_WINDOWS = 5
 
 @dataclass(frozen=True, slots=True)
 class WheelSample:
-    """One sample of a node. t: s on the log's clock; gyro: rad/s, accel: m/s², node axes, finite."""
+    """One sample of a node. t: s on the log's clock; gyro: rad/s, accel: m/s², node axes, finite.
+
+    beyond_range: 1.0 where a second accelerometer replaced saturated values, else 0.0.
+    """
 
     node: str
     t: float
     gyro: tuple[float, float, float]
     accel: tuple[float, float, float]
+    beyond_range: float = 0.0
+
+
+BEYOND_RANGE = "beyond_range"
+"""Column of a node's table with `WheelSample.beyond_range`; missing if it is always 0."""
+
+SampleBlock = tuple[Array, Array, Array] | tuple[Array, Array, Array, Array]
+"""Samples of a node: t (N,) s, gyro (N, 3) rad/s, accel (N, 3) m/s², and optionally `BEYOND_RANGE` (N,)."""
+
+
+def sample_block(table: Table) -> SampleBlock:
+    """Return the samples of a node's table for `WheelFilter.handle_many`."""
+    samples = table.t, table.gyro, table.accel
+    return (*samples, table[BEYOND_RANGE]) if BEYOND_RANGE in table else samples
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +174,7 @@ class WheelFilter:
         if builder is None:
             return FilterOutput(n_rejected=1)
         n_rejected_before = builder.n_rejected
-        windows = builder.add(sample.t, sample.gyro, sample.accel)
+        windows = builder.add(sample.t, sample.gyro, sample.accel, sample.beyond_range)
         n_rejected = builder.n_rejected - n_rejected_before
         if builder.newest_t == sample.t:
             self._last_samples[sample.node] = sample
@@ -166,19 +184,16 @@ class WheelFilter:
             self._collect_steps(_MAX_NODE_DELAY_WINDOWS)
         return FilterOutput(self._take_steps(_MAX_STEPS_PER_SAMPLE) if windows else (), n_rejected)
 
-    def handle_many(self, blocks: Mapping[str, tuple[Array, Array, Array]]) -> FilterOutput:
-        """Process a block of each node over the same time.
-
-        blocks: by name, t (N,) s, gyro (N, 3) rad/s, accel (N, 3) m/s².
-        """
+    def handle_many(self, blocks: Mapping[str, SampleBlock]) -> FilterOutput:
+        """Process a block of each node over the same time, by name."""
         n_rejected = 0
-        for name, (t, gyro, accel) in blocks.items():
+        for name, block in blocks.items():
             builder = self._builders.get(name)
             if builder is None:
-                n_rejected += len(t)
+                n_rejected += len(block[0])
                 continue
             n_rejected_before = builder.n_rejected
-            self._queues[name].extend(builder.add_many(t, gyro, accel))
+            self._queues[name].extend(builder.add_many(*block))
             n_rejected += builder.n_rejected - n_rejected_before
         self._collect_steps(_MAX_NODE_DELAY_WINDOWS)
         return FilterOutput(self._take_steps(), n_rejected)

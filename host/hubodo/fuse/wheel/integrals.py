@@ -23,11 +23,14 @@ _ROTATED_REAL_ROWS, _ROTATED_IMAGINARY_ROWS = (WR, ER, FR, SR, QR), (WI, EI, FI,
 """Real and imaginary parts of the rotated terms."""
 
 
-def integrands(gyro: Array, accel: Array, angle: Array, sign: float, limits: tuple[float, float]) -> Array:
+def integrands(
+    gyro: Array, accel: Array, angle: Array, sign: float, limits: tuple[float, float], beyond_range: Array
+) -> Array:
     """Return the integrands of samples, (CZ + 1, N).
 
     gyro: (N, 3) rad/s and accel: (N, 3) m/s², node axes; sign: -1.0 for a node facing right. angle: (N,)
-    rad, carrier. limits: rad/s and m/s² from which on a sample counts as clipped.
+    rad, carrier. limits: rad/s and m/s² from which on a sample counts as clipped. beyond_range: (N,) 1 where
+    accel is not clipped at any value.
     """
     gx, gy, gz = gyro[:, 0], sign * gyro[:, 1], sign * gyro[:, 2]
     ax, ay, az = accel[:, 0], sign * accel[:, 1], sign * accel[:, 2]
@@ -42,6 +45,7 @@ def integrands(gyro: Array, accel: Array, angle: Array, sign: float, limits: tup
     rows[SR], rows[SI] = gz * cos, gz * sin
     rows[QR], rows[QI] = gz * rows[SR], gz * rows[SI]
     clipped, force_clipped = np.abs(gyro) >= limits[0], np.abs(accel) >= limits[1]
+    force_clipped &= (beyond_range == 0.0)[:, None]
     rows[CS], rows[CA] = clipped[:, 2], clipped[:, 0] | clipped[:, 1]
     rows[CF], rows[CZ] = force_clipped[:, 0] | force_clipped[:, 1], force_clipped[:, 2]
     return rows
@@ -89,6 +93,7 @@ def build_windows(first: int, edge_values: Array) -> list[Window]:
         "samples": [None] * count,
         "gravity_angle": [None] * count,
         "blind_windows": [0] * count,
+        "beyond_range": [0.0] * count,
         "lever": [1j * a * c - q for a, c, q in zip(change, rotated[ER], rotated[QR], strict=True)],
     }
     rows = zip(*(columns[name] for name in Window._fields), strict=True)

@@ -64,13 +64,15 @@ class WindowBuilder:
         """Return the time of the newest accepted sample, s."""
         return self._newest
 
-    def add(self, t: float, gyro: tuple[float, ...], accel: tuple[float, ...]) -> list[Window]:
+    def add(
+        self, t: float, gyro: tuple[float, ...], accel: tuple[float, ...], beyond_range: float = 0.0
+    ) -> list[Window]:
         """Add one sample and return the windows it completes.
 
         A sample whose time does not increase, or that jumps ahead without a successor, is counted and left
-        out.
+        out. beyond_range: 1.0 where a second accelerometer replaced saturated values.
         """
-        row = (*gyro, *accel)
+        row = (*gyro, *accel, beyond_range)
         if self._newest is None or 0.0 < t - self._newest <= MAX_BRIDGED_GAP:
             # The pending sample that jumped ahead has no successor.
             self.n_rejected += self._pending_sample is not None
@@ -87,23 +89,29 @@ class WindowBuilder:
         self._pending_sample = t, row
         return []
 
-    def add_many(self, t: Array, gyro: Array, accel: Array) -> list[Window]:
+    def add_many(
+        self, t: Array, gyro: Array, accel: Array, beyond_range: Array | None = None
+    ) -> list[Window]:
         """Add many samples and return the windows they complete.
 
-        t: (N,) s, gyro: (N, 3) rad/s, accel: (N, 3) m/s², all finite.
+        t: (N,) s, gyro: (N, 3) rad/s, accel: (N, 3) m/s², all finite; beyond_range: (N,) as in `add`.
         """
         windows: list[Window] = []
+        beyond_range = np.zeros(len(t)) if beyond_range is None else beyond_range
         position, count = 0, len(t)
         while position < count:
             n_unbroken = self._count_unbroken(t[position:])
             if n_unbroken:
                 block = slice(position, position + n_unbroken)
-                windows += self._append_samples(t[block], gyro[block], accel[block])
+                windows += self._append_samples(t[block], gyro[block], accel[block], beyond_range[block])
                 position += n_unbroken
             # Samples after a gap are processed one by one.
             while position < count and not self._is_continuous(float(t[position])):
                 windows += self.add(
-                    float(t[position]), tuple(gyro[position].tolist()), tuple(accel[position].tolist())
+                    float(t[position]),
+                    tuple(gyro[position].tolist()),
+                    tuple(accel[position].tolist()),
+                    float(beyond_range[position]),
                 )
                 position += 1
         return windows
@@ -136,35 +144,37 @@ class WindowBuilder:
         rows = np.array(self._rows)
         time = np.array(self._time)
         self._time, self._rows = [], []
-        return self._integrate(time, rows[:, :3], rows[:, 3:])
+        return self._integrate(time, rows[:, :3], rows[:, 3:6], rows[:, 6])
 
-    def _append_samples(self, t: Array, gyro: Array, accel: Array) -> list[Window]:
+    def _append_samples(self, t: Array, gyro: Array, accel: Array, beyond_range: Array) -> list[Window]:
         self._newest = float(t[-1])
         if self._time:
             pending_rows = np.array(self._rows)
             t = np.concatenate([self._time, t])
-            gyro, accel = (
+            gyro, accel, beyond_range = (
                 np.concatenate([pending_rows[:, :3], gyro]),
-                np.concatenate([pending_rows[:, 3:], accel]),
+                np.concatenate([pending_rows[:, 3:6], accel]),
+                np.concatenate([pending_rows[:, 6], beyond_range]),
             )
             self._time, self._rows = [], []
         if len(t) + (self._last_integrals is not None) < 2:
-            self._time, self._rows = t.tolist(), [(*g, *a) for g, a in zip(gyro, accel, strict=True)]
+            self._time = t.tolist()
+            self._rows = [(*g, *a, b) for g, a, b in zip(gyro, accel, beyond_range, strict=True)]
             return []
         windows = []
         for first in range(0, len(t), _SAMPLES_PER_BLOCK):
             block = slice(first, first + _SAMPLES_PER_BLOCK)
-            windows += self._integrate(t[block], gyro[block], accel[block])
+            windows += self._integrate(t[block], gyro[block], accel[block], beyond_range[block])
         return windows
 
-    def _integrate(self, t: Array, gyro: Array, accel: Array) -> list[Window]:
+    def _integrate(self, t: Array, gyro: Array, accel: Array, beyond_range: Array) -> list[Window]:
         sign, limits = facing_sign(self.facing), (self.gyro_limit, self.accel_limit)
         if self._last_integrals is None:
             self._edge = max(self._edge, int(np.ceil((t[0] - self.start) / WINDOW_S - 1e-9)))
-            rows = integrands(gyro[:1], accel[:1], np.zeros(1), sign, limits)
+            rows = integrands(gyro[:1], accel[:1], np.zeros(1), sign, limits, beyond_range[:1])
             self._last_integrals = (t[:1], rows, np.zeros((CZ + 2, 1)))
-            self._sample_rows = (t[:1], rows[list(SAMPLE_ROWS)])
-            t, gyro, accel = t[1:], gyro[1:], accel[1:]
+            self._sample_rows = (t[:1], np.concatenate([rows[SAMPLE_ROWS, :], beyond_range[None, :1]]))
+            t, gyro, accel, beyond_range = t[1:], gyro[1:], accel[1:], beyond_range[1:]
         t_before, rows_before, totals_before = self._last_integrals
         t = np.concatenate([t_before, t])
         step = t[1:] - t[:-1]
@@ -173,25 +183,35 @@ class WindowBuilder:
         totals[:, :1] = totals_before
         totals[GZ, 1:] = 0.5 * (spin[:-1] + spin[1:]) * step
         angle = np.cumsum(totals[GZ])
-        rows = np.concatenate([rows_before, integrands(gyro, accel, angle[1:], sign, limits)], axis=1)
+        rows = np.concatenate(
+            [rows_before, integrands(gyro, accel, angle[1:], sign, limits, beyond_range)], axis=1
+        )
         totals[:-1, 1:] = 0.5 * (rows[:, :-1] + rows[:, 1:]) * step
         totals[-1, 1:] = np.where(step > MAX_SAMPLE_STEP, step, 0.0)
         np.cumsum(totals, axis=1, out=totals)
-        windows = self._with_samples(self._close_windows(t, rows, totals), t, rows)
+        windows = self._with_samples(self._close_windows(t, rows, totals), t, rows, beyond_range)
         self._last_integrals = (t[-1:].copy(), rows[:, -1:].copy(), totals[:, -1:].copy())
         return windows
 
-    def _with_samples(self, windows: list[Window], t: Array, rows: Array) -> list[Window]:
-        """Attach samples to windows with a clipped spin.
+    def _with_samples(
+        self, windows: list[Window], t: Array, rows: Array, beyond_range: Array
+    ) -> list[Window]:
+        """Attach samples to windows with a clipped spin, and the share of samples beyond the range.
 
-        t, rows: from the last sample of the previous block on.
+        t, rows: from the last sample of the previous block on; beyond_range: after it.
         """
         assert self._sample_rows is not None
         time = np.concatenate([self._sample_rows[0], t[1:]])
-        sample_rows = np.concatenate([self._sample_rows[1], rows[SAMPLE_ROWS, 1:]], axis=1)
+        new_rows = np.concatenate([rows[SAMPLE_ROWS, 1:], beyond_range[None]])
+        sample_rows = np.concatenate([self._sample_rows[1], new_rows], axis=1)
+        is_extended = bool(sample_rows[-1].any())
         for index, window in enumerate(windows):
+            window_start = self.start + window.number * WINDOW_S
+            if is_extended:
+                first, end = np.searchsorted(time, [window_start, window_start + WINDOW_S])
+                share = float(np.mean(sample_rows[-1, first:end])) if end > first else 0.0
+                windows[index] = window = window._replace(beyond_range=share)
             if window.spin_clipped > 0.0:
-                window_start = self.start + window.number * WINDOW_S
                 windows[index] = window._replace(
                     samples=slice_samples(
                         time, sample_rows, window_start, window_start + WINDOW_S, self.accel_limit

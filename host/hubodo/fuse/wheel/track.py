@@ -13,7 +13,7 @@ from hubodo.fuse.track import Track, cross_covariances
 from hubodo.fuse.wheel import smoother
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.drive_report import WheelReport, build_report, rolled_mostly_backwards
-from hubodo.fuse.wheel.filter import ALIGNMENT_WINDOWS, WheelFilter
+from hubodo.fuse.wheel.filter import ALIGNMENT_WINDOWS, WheelFilter, sample_block
 from hubodo.fuse.wheel.fixed_lag import smooth_with_lag
 from hubodo.fuse.wheel.mirrored_axes import correct_mirrored_axes
 from hubodo.fuse.wheel.node_screening import find_own_gaps
@@ -111,9 +111,7 @@ def run_wheel_filter(
         wheel_filter.recorded_steps = []
     if math.isinf(lag):
         wheel_filter.record_for_smoothing()
-    blocks = {
-        name: (nodes[name].t, nodes[name].gyro, nodes[name].accel) for name in config.nodes if name in nodes
-    }
+    blocks = {name: sample_block(nodes[name]) for name in config.nodes if name in nodes}
     poses = [*wheel_filter.handle_many(blocks).poses, *wheel_filter.finish().poses]
     if not poses:
         raise ValueError("the nodes have less than a fifth of a second of samples: nothing to filter")

@@ -85,6 +85,8 @@ class Window(NamedTuple):
     saturated accelerometer, see `spin_search.py`; None where no axis was saturated or gravity was not found.
     blind_windows : consecutive windows, up to this one, in which gz and the accelerometers were saturated and
     nothing showed the spin.
+    beyond_range : share of the time in which a second accelerometer replaced the IMU's, see
+    `range_extension.py`.
     """
 
     number: int = 0
@@ -111,6 +113,7 @@ class Window(NamedTuple):
     samples: WindowSamples | None = None
     gravity_angle: float | None = None
     blind_windows: int = 0
+    beyond_range: float = 0.0
 
     def with_spin(self, spin: float) -> Window:
         """Return the window with another spin, in a quarter of the time of `_replace`."""
@@ -129,7 +132,8 @@ EMPTY_WINDOW = Window(missing=1.0)
 def slice_samples(t: Array, rows: Array, start: float, end: float, accel_limit: float) -> WindowSamples:
     """Return the samples between two times, s.
 
-    rows: (5, N) gz, gx, gy in rad/s, ax, ay in m/s². accel_limit: m/s², from which on ax or ay is saturated.
+    rows: (6, N) gz, gx, gy in rad/s, ax, ay in m/s², and 1 where a second accelerometer replaced saturated
+    values. accel_limit: m/s², from which on ax or ay is saturated otherwise.
     """
     first = max(0, int(np.searchsorted(t, start, side="right")) - 1)
     last = min(len(t), int(np.searchsorted(t, end, side="left")) + 1)
@@ -146,7 +150,15 @@ def slice_samples(t: Array, rows: Array, start: float, end: float, accel_limit: 
     angle -= 0.5 * (_angle_at(start, t, rate, angle) + _angle_at(end, t, rate, angle))
     time = t - 0.5 * (start + end)
     across, force = rows[1] + 1j * rows[2], rows[3] + 1j * rows[4]
-    columns = (weight, time, rate, angle, across, force, *(np.abs(rows[3:5]) < accel_limit))
+    columns = (
+        weight,
+        time,
+        rate,
+        angle,
+        across,
+        force,
+        *((np.abs(rows[3:5]) < accel_limit) | (rows[5] > 0.0)),
+    )
     return WindowSamples(*(tuple(column.tolist()) for column in columns))
 
 

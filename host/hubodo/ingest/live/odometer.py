@@ -6,6 +6,7 @@ the recorder processed them, so playback reproduces the result bit by bit.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import deque
 from collections.abc import Mapping
@@ -17,17 +18,18 @@ from hubodo.arrays import Array
 from hubodo.calibration.apply import SampleCorrection, zero_applied_effects
 from hubodo.calibration.file import Calibration
 from hubodo.errors import InputError
-from hubodo.fuse.ranges import NodeRanges, determine_ranges
+from hubodo.fuse.ranges import NodeRanges, determine_ranges, uncorrected_accel_limit
 from hubodo.fuse.wheel.config import WheelConfig, wheel_config
 from hubodo.fuse.wheel.entries import GYRO_BIAS_X, GYRO_BIAS_Y, GYRO_BIAS_Z
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample, WheelState
 from hubodo.fuse.wheel.records import Pose
 from hubodo.fuse.wheel.surface_speeds import SurfaceSpeedAverager, SurfaceSpeeds
 from hubodo.fuse.wheel.window import WINDOW_S
+from hubodo.ingest.live.block_extension import BlockExtension
 from hubodo.ingest.live.continuous_odom import ContinuousOdom
 from hubodo.ingest.live.odometer_warnings import MAX_WHEEL_WAIT_NS, OdometerWarnings
 from hubodo.ingest.live.odometry_rows import OdometryRows
-from hubodo.log.records import ImuBlock
+from hubodo.log.records import HighGSamples, ImuBlock, NodeSamples
 from hubodo.log.timebase import to_seconds
 from hubodo.units import NS_PER_S
 from hubodo.vehicle import Vehicle, facing_sign
@@ -82,6 +84,7 @@ class Odometer:
         self._step_ns = 0 if rate_hz is None else round(NS_PER_S / rate_hz)
         self._waiting: deque[ImuBlock] = deque()
         self._averager = SurfaceSpeedAverager() if encoder_aided else None
+        self._extensions: dict[str, BlockExtension] = {}
         self._early_speeds: SurfaceSpeeds = {}
         self._filter: WheelFilter | None = None
         self._last_ns: int | None = None
@@ -133,10 +136,22 @@ class Odometer:
             mount = self._vehicle.nodes[node]
             self._ranges[node] = determine_ranges(mount, text, corrected=node in self._corrections)
 
-    def handle(self, block: ImuBlock) -> list[OdometryRows]:
-        """Process a block of samples and return new rows, oldest first; other nodes' blocks are ignored."""
-        if block.node not in self.wheel_nodes or not len(block.t_ns):
+    def handle(self, samples: NodeSamples) -> list[OdometryRows]:
+        """Process samples of a node and return new rows, oldest first; other nodes' samples are ignored."""
+        node = samples.node
+        if node not in self.wheel_nodes or not len(samples.t_ns):
             return []
+        extension = self._extensions.get(node)
+        if isinstance(samples, HighGSamples):
+            if extension is None:
+                limit = uncorrected_accel_limit(self._ranges[node].accel.value)
+                extension = self._extensions[node] = BlockExtension(limit, self._t_zero_ns)
+            blocks = extension.add_chip(samples)
+        else:
+            blocks = [samples] if extension is None else extension.add_block(samples)
+        return [rows for block in blocks for rows in self._handle_block(block)]
+
+    def _handle_block(self, block: ImuBlock) -> list[OdometryRows]:
         if self._filter is not None:
             return [rows for rows in [self._filter_block(self._filter, block)] if rows is not None]
         self._waiting.append(block)
@@ -162,7 +177,9 @@ class Odometer:
 
     def finish(self) -> list[OdometryRows]:
         """Process the blocks that waited for the other wheel, finish the filter, and return the new rows."""
-        rows = self._start_filter() if self._filter is None and self._waiting else []
+        blocks = [block for extension in self._extensions.values() for block in extension.finish()]
+        rows = [motion for block in blocks for motion in self._handle_block(block)]
+        rows += self._start_filter() if self._filter is None and self._waiting else []
         if self._filter is not None:
             self._add_poses(self._filter.finish().poses)
         return rows
@@ -226,10 +243,13 @@ class Odometer:
         period_ns = (newest_ns - before_ns) // max(len(times) - 1, 1)
         min_interval_ns = max(self._step_ns, period_ns // 2, 1)
         published: list[tuple[int, WheelState]] = []
-        for t_ns, t, rate, force in zip(
-            block.t_ns.tolist(), times, gyro.tolist(), accel.tolist(), strict=True
+        beyond_range = (
+            itertools.repeat(0.0, len(times)) if block.beyond_range is None else block.beyond_range.tolist()
+        )
+        for t_ns, t, rate, force, beyond in zip(
+            block.t_ns.tolist(), times, gyro.tolist(), accel.tolist(), beyond_range, strict=True
         ):
-            handled = wheels.handle(WheelSample(block.node, t, tuple(rate), tuple(force)))
+            handled = wheels.handle(WheelSample(block.node, t, tuple(rate), tuple(force), beyond))
             if handled.poses:
                 self._add_poses(handled.poses)
             if self._last_ns is not None and t_ns - self._last_ns < min_interval_ns:

@@ -16,7 +16,7 @@ from hubodo.ingest.live.odometry_requests import OdometryRequest, OdometryReques
 from hubodo.ingest.live.odometry_rows import OdometryRows
 from hubodo.ingest.node.log_times import LogTimeSequence
 from hubodo.ingest.node.session import NodeSession
-from hubodo.log.records import EventRecord, ImuBlock, Sink
+from hubodo.log.records import EventRecord, NodeSamples, Sink
 from hubodo.recording import Event
 
 _PART = "odometry"
@@ -65,7 +65,7 @@ class RecordedOdometry:
         """Mismatch of calibration and nodes, detected before the first pose; None without one."""
         return self._calibration_check.error
 
-    def add_samples(self, blocks: Iterable[ImuBlock], node: NodeSession | None, arrived_ns: int) -> None:
+    def add_samples(self, blocks: Iterable[NodeSamples], node: NodeSession | None, arrived_ns: int) -> None:
         """Process samples of a node (None for a ROS 2 topic) and publish the new poses."""
         # Without an odometer as well: the session of a node logs its blocks while they are iterated.
         for block in blocks:
@@ -97,7 +97,7 @@ class RecordedOdometry:
         self._bulkheads.run(_PART, self._finish, now_ns)
 
     def _process_block(
-        self, odometer: Odometer, block: ImuBlock, node: NodeSession | None, arrived_ns: int
+        self, odometer: Odometer, block: NodeSamples, node: NodeSession | None, arrived_ns: int
     ) -> None:
         if self._calibration_check.can_use(odometer, node, block.node, arrived_ns):
             self._publish(odometer, odometer.handle(block), arrived_ns)

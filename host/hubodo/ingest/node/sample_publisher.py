@@ -17,12 +17,13 @@ from hubodo.ingest.node.slewed_times import SlewedTimes
 from hubodo.log.records import (
     Battery,
     BiasFilterRow,
-    Columns,
     EventRecord,
+    HighGSamples,
     ImuBlock,
     ImuRun,
     LogRecord,
     MagneticField,
+    NodeSamples,
     Sink,
 )
 from hubodo.recording import Event
@@ -94,13 +95,13 @@ class SamplePublisher:
         """Note a new boot, whose start is logged with its first samples."""
         self._unlogged_boot = hello
 
-    def restart(self) -> Iterator[ImuBlock]:
+    def restart(self) -> Iterator[NodeSamples]:
         """Publish what is held of the boot that has ended; those of the next one are held again."""
         yield from self.release()
         self._held_since_ns = 0
         self._clock_is_known = False
 
-    def add(self, item: TimedOutput) -> Iterator[ImuBlock]:
+    def add(self, item: TimedOutput) -> Iterator[NodeSamples]:
         """Publish an item and all held ones if the clock is known or the wait is over, else hold it."""
         if self.clock_is_known or self._hold_expired(item.received_ns):
             yield from self.release()
@@ -120,13 +121,13 @@ class SamplePublisher:
         self._extend_span(int(t_ns[0]), int(t_ns[-1]))
         return True
 
-    def release(self) -> Iterator[ImuBlock]:
+    def release(self) -> Iterator[NodeSamples]:
         """Publish everything that is held."""
         held, self._held = self._held, []
         for item in held:
             yield from self._publish(item)
 
-    def release_expired(self, now_ns: int) -> Iterator[ImuBlock]:
+    def release_expired(self, now_ns: int) -> Iterator[NodeSamples]:
         """Publish everything that is held if the wait for the clock is over."""
         if self._held and self._hold_expired(now_ns):
             yield from self.release()
@@ -134,9 +135,11 @@ class SamplePublisher:
     def _hold_expired(self, now_ns: int) -> bool:
         return bool(self._held_since_ns) and now_ns - self._held_since_ns > _MAX_CLOCK_WAIT_NS
 
-    def _publish(self, item: TimedOutput) -> Iterator[ImuBlock]:
+    def _publish(self, item: TimedOutput) -> Iterator[NodeSamples]:
         if not isinstance(item, ImuBlock):
-            self._log_report(item)
+            record = self._log_report(item)
+            if isinstance(record, HighGSamples):
+                yield record
             return
         t_ns = self._imu_times.to_host_ns(item.device_ns)
         if (boot := self._unlogged_boot) is not None:
@@ -159,8 +162,11 @@ class SamplePublisher:
     def _extend_span(self, first_ns: int, last_ns: int) -> None:
         self._span_ns = [self._span_ns[0] if self._span_ns else first_ns, last_ns]
 
-    def _log_report(self, report: MagSample | HighGBlock | BiasFilterReport | HealthReceived) -> None:
-        """Log a report; one without samples and clock replies before it is dated by its arrival."""
+    def _log_report(self, report: MagSample | HighGBlock | BiasFilterReport | HealthReceived) -> LogRecord:
+        """Log a report and return its record.
+
+        A report without samples and clock replies before it is dated by its arrival.
+        """
         device_ns = np.array(report.device_ns, np.int64).reshape(-1)
         if self._clock.source == "none":
             self._clock.add_arrival(int(device_ns[-1]) // 1000, report.received_ns)
@@ -170,8 +176,8 @@ class SamplePublisher:
             case MagSample():
                 record: LogRecord = MagneticField(self._name, t_ns, log_ns, [report.field])
             case HighGBlock():
-                accel = dict(zip(("ax", "ay", "az"), report.accel.T, strict=True))
-                record = Columns(f"high_g/{self._name}", t_ns, log_ns, accel)
+                # In the order in which the odometry processes the samples.
+                record = HighGSamples(self._name, t_ns, self._order.next_time(log_ns), report.accel)
             case BiasFilterReport():
                 record = BiasFilterRow(self._name, t_ns, log_ns, filter_report_columns(report))
             case HealthReceived():
@@ -179,6 +185,7 @@ class SamplePublisher:
                 record = Battery(self._name, t_ns, log_ns, volts, charge)
                 self._supply_history.add(int(t_ns[0]), volts)
         self._sink.write_record(record)
+        return record
 
     def _log_start(self, hello: Hello, t_ns: int) -> None:
         """Log the power-on time of the node; a restart without loss of power does not change it."""

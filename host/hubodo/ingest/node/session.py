@@ -41,6 +41,7 @@ from hubodo.log.records import (
     ImuNoise,
     ImuRun,
     Metadata,
+    NodeSamples,
     Sink,
 )
 from hubodo.recording import Event
@@ -101,7 +102,7 @@ class NodeSession:
         self._start_request_ns: int | None = None
         self._is_muted = False
 
-    def handle_frame(self, frame: Frame, t_ns: int, link_counts: LinkCounts) -> Iterator[ImuBlock]:
+    def handle_frame(self, frame: Frame, t_ns: int, link_counts: LinkCounts) -> Iterator[NodeSamples]:
         """Handle a valid frame of this node and yield the samples it completes."""
         self.last_frame_ns = t_ns
         if self._is_muted:
@@ -115,7 +116,7 @@ class NodeSession:
         """Handle many frames of a log; disconnections: number of losses of their link before."""
         deque(self._handle_outputs(self.decoder.decode_many(frames, disconnections)), maxlen=0)
 
-    def resolve_gaps(self, now_ns: int) -> Iterator[ImuBlock]:
+    def resolve_gaps(self, now_ns: int) -> Iterator[NodeSamples]:
         """Resolve gaps whose health report is overdue."""
         yield from self._handle_outputs(self.decoder.tick(now_ns))
 
@@ -123,7 +124,7 @@ class NodeSession:
         """Note that a clock request was sent at `t_ns`."""
         self._exchanges.add_request(token, t_ns)
 
-    def tick(self, now_ns: int) -> Iterator[ImuBlock]:
+    def tick(self, now_ns: int) -> Iterator[NodeSamples]:
         """Send due requests and yield the samples that were held long enough for the clock."""
         yield from self._handle_outputs(self.decoder.tick(now_ns))
         yield from self.samples.release_expired(now_ns)
@@ -169,7 +170,7 @@ class NodeSession:
             self._send_message(GetHello())
             self._exchanges.start_burst()
 
-    def close(self, now_ns: int) -> Iterator[ImuBlock]:
+    def close(self, now_ns: int) -> Iterator[NodeSamples]:
         """Write held samples and the final events of the node."""
         yield from self._handle_outputs(self.decoder.close())
         yield from self.samples.release()
@@ -185,7 +186,7 @@ class NodeSession:
     def _send_message(self, message: Message) -> None:
         self._send(self._request_encoder.encode_request(message)[1])
 
-    def _handle_outputs(self, outputs: Iterable[DecoderOutput]) -> Iterator[ImuBlock]:
+    def _handle_outputs(self, outputs: Iterable[DecoderOutput]) -> Iterator[NodeSamples]:
         for output in outputs:
             match output:
                 case Event():
@@ -236,18 +237,18 @@ class NodeSession:
                 case _:
                     assert_never(output)
 
-    def _handle_block(self, block: ImuBlock) -> Iterator[ImuBlock]:
+    def _handle_block(self, block: ImuBlock) -> Iterator[NodeSamples]:
         self._start_request_ns = None
         self.clock.add_arrival(int(block.device_ns[-1]) // 1000, block.received_ns)
         yield from self.samples.add(block)
 
-    def _log_run(self, run: ImuRun) -> Iterator[ImuBlock]:
+    def _log_run(self, run: ImuRun) -> Iterator[NodeSamples]:
         """Write a run to the log at once if the clock is synchronised and nothing is held."""
         if not self.samples.add_run(run):
             for block in run.split():
                 yield from self._handle_block(block)
 
-    def update_signal(self, signal: Signal) -> Iterator[ImuBlock]:
+    def update_signal(self, signal: Signal) -> Iterator[NodeSamples]:
         """Update with the report of a radio receiver on the same link about this node."""
         self.signal = signal
         yield from self._handle_outputs(self.decoder.update_radio_losses(signal.frames_lost))
@@ -266,7 +267,7 @@ class NodeSession:
             return event
         return replace(event, t_ns=int(self.clock.to_host_ns(np.array(between[:1], np.int64))[0]))
 
-    def _handle_time_reply(self, reply: TimeReplyReceived) -> Iterator[ImuBlock]:
+    def _handle_time_reply(self, reply: TimeReplyReceived) -> Iterator[NodeSamples]:
         """Update the clock with one exchange; a reply without a matching request is ignored."""
         sent_ns = self._exchanges.match_reply(reply.token)
         if sent_ns is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -24,13 +24,15 @@ from hubodo.log.hubodo_messages import decode_string_message, parse_events
 from hubodo.log.log_writer import LogWriter
 from hubodo.log.logfile import Log, open_log
 from hubodo.log.pose_events import LoggedPose, read_poses
-from hubodo.log.records import ImuBlock
+from hubodo.log.records import HighGSamples, ImuBlock
+from hubodo.recording import HIGH_G_COLUMNS
 from hubodo.vehicle import Vehicle
 
 Progress = Callable[[str, float], None]
 
 _WHEELS_TOPIC = topics.COLUMNS_PREFIX + topics.WHEELS
-_PlayedItem = ImuBlock | FixSample | LoggedPose | SpeedSample
+_HIGH_G_PREFIX = topics.COLUMNS_PREFIX + topics.HIGH_G_PREFIX
+_PlayedItem = ImuBlock | HighGSamples | FixSample | LoggedPose | SpeedSample
 _PLAYED_TYPES = (ros2.IMU, ros2.TEMPERATURE, ros2.BATTERY, ros2.NAV_SAT_FIX)
 _NO_FIXES = ChannelDecoder(ros2.NAV_SAT_FIX).rows()
 # Start of the covariances in an Odometry message, bytes from its end.
@@ -169,6 +171,35 @@ def _read_speeds(rows: ChannelRows | None, names: list[str]) -> list[tuple[int, 
     ]
 
 
+def _split_by_log_time(channel: ChannelRows) -> Iterator[tuple[int, NDArray[np.intp]]]:
+    """Yield the log time and the rows of each block, rows with one log time, oldest first."""
+    order = np.lexsort((channel.publish_ns, channel.log_ns))
+    log_ns = channel.log_ns[order]
+    edges = [0, *(np.flatnonzero(np.diff(log_ns)) + 1).tolist(), len(order)]
+    for start, end in itertools.pairwise(edges):
+        if end > start:
+            yield int(log_ns[start]), order[start:end]
+
+
+def _read_high_g(rows: Mapping[str, ChannelRows], names: Mapping[str, str]) -> list[HighGSamples]:
+    """Return the finite samples of the nodes' second accelerometers by log time.
+
+    rows, names: by topic; names: of the columns, as one text.
+    """
+    messages = []
+    axes = HIGH_G_COLUMNS[1:]
+    for topic, channel in rows.items():
+        columns = parse_column_names(names.get(topic, ""))
+        if not topic.startswith(_HIGH_G_PREFIX) or not set(axes) <= set(columns):
+            continue
+        node, data = topic.removeprefix(_HIGH_G_PREFIX), channel.values["data"].reshape(len(channel), -1)
+        accel = data[:, [columns.index(axis) for axis in axes]]
+        for log_ns, chosen in _split_by_log_time(channel):
+            finite = chosen[np.flatnonzero(np.isfinite(accel[chosen]).all(axis=1))]
+            messages.append(HighGSamples(node, channel.publish_ns[finite], log_ns, accel[finite]))
+    return messages
+
+
 class _LoggedSamples:
     """Samples, temperatures, supply voltages and power-on times of the nodes in a log, and its fixes."""
 
@@ -188,7 +219,11 @@ class _LoggedSamples:
                     payloads += [
                         decode_string_message(stream.encoding, messages.payload(i)) for i in chosen.tolist()
                     ]
-                elif stream.encoding == "cdr" and (kind in _PLAYED_TYPES or stream.topic == _WHEELS_TOPIC):
+                elif stream.encoding == "cdr" and (
+                    kind in _PLAYED_TYPES
+                    or stream.topic == _WHEELS_TOPIC
+                    or stream.topic.startswith(_HIGH_G_PREFIX)
+                ):
                     names.setdefault(stream.topic, stream.metadata.get("columns", ""))
                     decoders.setdefault(stream.topic, ChannelDecoder(kind)).feed(messages, chosen)
             if progress is not None:
@@ -222,6 +257,7 @@ class _LoggedSamples:
         self.fixes = rows.get(topics.GNSS_FIX, _NO_FIXES)
         self._poses = read_poses(events)
         self._speeds = _read_speeds(rows.get(_WHEELS_TOPIC), parse_column_names(names.get(_WHEELS_TOPIC, "")))
+        self._high_g = _read_high_g(rows, names)
         self._power_on_times = {name: find_starts(events, name) for name in self.nodes}
         earliest = [int(channel.publish_ns.min()) for channel in self.nodes.values()]
         self.t_zero_ns = log.t_zero_ns if log.t_zero_ns is not None else min(earliest, default=0)
@@ -233,21 +269,18 @@ class _LoggedSamples:
 
     def iterate(self) -> Iterator[_PlayedItem]:
         """Yield blocks (samples of one node with one log time), fixes, speeds and set poses in live order."""
-        cuts: list[tuple[int, str, NDArray[np.intp] | LoggedPose | SpeedSample]] = [
+        cuts: list[tuple[int, str, NDArray[np.intp] | LoggedPose | SpeedSample | HighGSamples]] = [
             (log_ns, "", np.array([row]))
             for row, log_ns in enumerate(self.fixes.log_ns.tolist())
             if self.fixes.values["status.status"][row] >= 0.0
         ]
         cuts += [(pose.t_ns, "", pose) for pose in self._poses]
         cuts += [(log_ns, "", sample) for log_ns, sample in self._speeds]
+        cuts += [(samples.t_log_ns, "", samples) for samples in self._high_g]
         for name, channel in self.nodes.items():
-            order = np.lexsort((channel.publish_ns, channel.log_ns))
-            log_ns = channel.log_ns[order]
-            edges = [0, *(np.flatnonzero(np.diff(log_ns)) + 1).tolist(), len(order)]
-            for start, end in itertools.pairwise(edges):
-                cuts.append((int(log_ns[start]), name, order[start:end]))
+            cuts += [(log_ns, name, rows) for log_ns, rows in _split_by_log_time(channel)]
         for _, name, part in sorted(cuts, key=lambda cut: cut[:2]):
-            if isinstance(part, LoggedPose | SpeedSample):
+            if isinstance(part, LoggedPose | SpeedSample | HighGSamples):
                 yield part
             else:
                 yield self._build_block(name, part) if name else self._build_fix(int(part[0]))

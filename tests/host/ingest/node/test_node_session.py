@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from faults.line import T0, Line, Node
-from hubodo.log.records import Battery, BiasFilterRow, Columns
+from hubodo.log.records import Battery, BiasFilterRow, HighGSamples
 from hubodo.units import NS_PER_S
 from hubowire.messages import Filter, Health, HighG
 
@@ -53,8 +53,8 @@ def test_samples_of_a_second_accelerometer_are_logged_in_si_at_their_times():
         if number != 2:
             line.receive(frame, seconds=0.0075)
     sink = line.close()
-    blocks = [record for record in sink.records if isinstance(record, Columns)]
-    assert {block.name for block in blocks} == {"high_g/left"}
+    blocks = [record for record in sink.records if isinstance(record, HighGSamples)]
+    assert {block.node for block in blocks} == {"left"}
     t_ns = np.concatenate([block.t_ns for block in blocks])
     assert np.diff(t_ns).tolist() == pytest.approx([2.5e6] * 5 + [10e6] + [2.5e6] * 2)
-    assert blocks[0].columns["ay"] == pytest.approx(np.array([-200, -201, -202]) * 0.049 * 9.80665)
+    assert blocks[0].accel[:, 1] == pytest.approx(np.array([-200, -201, -202]) * 0.049 * 9.80665)

@@ -42,7 +42,7 @@ from hubodo.fuse.wheel.entries import (
     WHEEL_RADIUS,
     Entry,
 )
-from hubodo.fuse.wheel.filter import ALIGNMENT_WINDOWS, WheelFilter
+from hubodo.fuse.wheel.filter import ALIGNMENT_WINDOWS, WheelFilter, sample_block
 from hubodo.fuse.wheel.filter_core import FilterCore
 from hubodo.fuse.wheel.mirrored_axes import is_mirrored
 from hubodo.fuse.wheel.records import Pose, StepInput
@@ -164,7 +164,7 @@ class _CalibrationDrive:
                     f"{name}: gravity rotates against gz: x and y of the node are exchanged, or one of them "
                     "is negated; correct its axes; nothing is written"
                 )
-        blocks = {name: (nodes[name].t, nodes[name].gyro, nodes[name].accel) for name in used_nodes}
+        blocks = {name: sample_block(nodes[name]) for name in used_nodes}
         plain_filter = WheelFilter(config)
         plain_filter.recorded_steps = []
         poses = [*plain_filter.handle_many(blocks).poses, *plain_filter.finish().poses]

@@ -50,7 +50,8 @@ def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
     """Return residual (m/s), variance and derivatives.
 
     Variance: accelerometer white noise; at standstill, residual motion; while driving, vibration and forward
-    force that is not explained by the wheel's acceleration.
+    force that is not explained by the wheel's acceleration; that of a second accelerometer while it replaces
+    a saturated one.
     """
     window = w.window
     variance = noise.accel + STANDSTILL_FORCE_VARIANCE
@@ -62,7 +63,7 @@ def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
     by_rate = force.real * (0.5 * WINDOW_S)
     return (
         force.imag - w.geometry.radius * w.axle_rate_change - w.x[w.columns[SLOPE]] * WINDOW_S,
-        variance + w.force_noise,
+        variance + w.force_noise + noise.beyond_range * window.beyond_range,
         {
             YAW_RATE: -by_rate * w.rate_by_yaw_rate,
             SLOPE: WINDOW_S,

@@ -73,6 +73,7 @@ class WindowNoise:
     Attributes
     ----------
     gyro, accel : rad² and (m/s)², white noise.
+    beyond_range : (m/s)², noise and calibration error of an accelerometer that replaced a saturated one.
     roll_rate : rad², roll of the vehicle about its forward axis.
     axle_flex : rad² per (m/s²)² of vibration along the axle.
     forward_force, lateral_force : (m/s)², unmodelled specific force.
@@ -83,6 +84,7 @@ class WindowNoise:
     __slots__ = (
         "accel",
         "axle_flex",
+        "beyond_range",
         "forward_force",
         "gyro",
         "lateral_force",
@@ -94,6 +96,7 @@ class WindowNoise:
     def __init__(self, noise: WheelNoise, radius: float) -> None:
         t = WINDOW_S
         self.gyro, self.accel = noise.gyro**2 * t, noise.accel**2 * t
+        self.beyond_range = noise.beyond_range**2 * t + (noise.beyond_range_bias * t) ** 2
         self.roll_rate, self.axle_flex = (noise.roll_rate * t) ** 2, (noise.axle_flex * t) ** 2
         self.forward_force, self.lateral_force = (
             (noise.forward_force * t) ** 2,
