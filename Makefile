@@ -78,6 +78,7 @@ accuracy: setup      ## accuracy over many seeded drives and records; about fift
 	$(BIN)/python tests/accuracy/warmup_forms.py
 	$(BIN)/python tests/accuracy/north_found.py
 	$(BIN)/python tests/accuracy/heading_rests.py
+	$(BIN)/python tests/accuracy/odd_records.py
 	$(BIN)/python tests/accuracy/poses.py
 	$(BIN)/python tests/accuracy/imu_records.py
 	$(BIN)/python tests/accuracy/imu_means.py

@@ -20,6 +20,7 @@ _MIN_INTERVAL, _MAX_INTERVAL, _MIN_SUSPECT_INTERVAL = 5e-5, 0.2, 0.5
 _GRAVITY_RANGE = (8.5, 11.2)
 _MOTION_BLOCK_S = 1.0
 _MOTION_SIGMA = 10.0
+_MAX_OUTLIERS, _MAX_OUTLIER_SHARE = 3, 0.1  # in one second
 _MAX_CUT_FRACTION, _LEVEL_MEAN_S = 0.25, 10.0
 _TEMPERATURE_WINDOW_S, _MIN_TEMPERATURE_STEP = 60.0, 1.5
 _MAX_GRID_PER_SAMPLE = 100
@@ -155,15 +156,17 @@ def find_disturbances(t: Array, values: Array) -> list[tuple[float, float]]:
     typical = np.maximum(
         np.median(np.std(block_samples, axis=1), axis=0), np.where(np.isfinite(coarse), coarse, 1e-12)
     )
-    # Single outliers are not motion, so samples are clipped at 6 sigma.
+    # Single outliers are not motion, so samples are clipped at 6 sigma; several of them in a second are.
     middle = np.median(block_samples, axis=1, keepdims=True)
+    outliers = np.count_nonzero(np.abs(block_samples - middle) > 6.0 * typical, axis=1)
+    kicked = np.any(outliers > max(_MAX_OUTLIERS, _MAX_OUTLIER_SHARE * size), axis=1)
     block_samples = np.clip(block_samples, middle - 6.0 * typical, middle + 6.0 * typical)
     means, spreads = np.mean(block_samples, axis=1), np.std(block_samples, axis=1)
     steps = np.abs(np.diff(means, axis=0))
     scale = np.maximum(1.4826 * np.median(steps, axis=0), typical / math.sqrt(size))
     jump = np.concatenate((np.any(steps > _MOTION_SIGMA * scale, axis=1), [False]))
     noisy = np.any(spreads > 2.0 * typical * (1.0 + 6.0 / math.sqrt(2.0 * size)), axis=1)
-    disturbed_blocks = np.flatnonzero(jump | noisy)
+    disturbed_blocks = np.flatnonzero(jump | noisy | kicked)
     groups = (
         np.split(disturbed_blocks, np.flatnonzero(np.diff(disturbed_blocks) > 5) + 1)
         if len(disturbed_blocks)

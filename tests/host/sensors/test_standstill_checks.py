@@ -74,6 +74,17 @@ def test_slow_drifts_coarse_steps_and_single_outliers_are_no_movement():
     assert first_disturbance(t, np.rint(rows / 0.05) * 0.05) is None
 
 
+def test_a_kick_across_two_seconds_is_movement():
+    """Fifteen samples of 50 sigma in each of two seconds; a single one is an outlier."""
+    t, gyro, accel = still()
+    second = round(1.0 / (t[1] - t[0]))
+    for count, is_movement in ((1, False), (15, True)):
+        rows = np.hstack([gyro, accel])
+        noise = float(np.std(np.diff(gyro[:, 2])))
+        rows[40 * second - count : 40 * second + count, 2] += 50 * noise
+        assert (first_disturbance(t, rows) is not None) == is_movement
+
+
 def test_the_real_static_record_is_static_and_the_hand_rotated_one_is_not():
     rows = np.loadtxt(wanted.recording("static") / "node.csv.gz", delimiter=",", skiprows=1, max_rows=150_000)
     check_units(rows[:, 1:4], rows[:, 4:7])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,13 +14,20 @@ from hubodo.errors import InputError
 from hubodo.sensors.allan.covariance import TERMS, covariance_tensor, design_matrix
 from hubodo.sensors.allan.deviation import AllanPoints, allan_deviation, averaging_factors
 from hubodo.sensors.allan.fit import NoiseFit, NoiseTerm, fit_noise
+from hubodo.sensors.allan.ieee952 import is_gyro
 from hubodo.sensors.allan.result import AllanResult
+from hubodo.sensors.bias_step import find_bias_step
 from hubodo.sensors.even_grid import EvenGrid, Spans, grid_all_samples, place_on_grid
+from hubodo.sensors.imu.quantisation import rounding_sigma
 from hubodo.sensors.standstill_channel import StandstillRecord
 from hubodo.sensors.standstill_checks import TemperatureStep
 
 # With fewer samples the error bars of neighbouring octaves overlap.
 _MIN_SAMPLES = 256
+_COARSE_STEP_RATIO, _BLIND_STEP_RATIO = 1.8, 5.0
+"""Steps in units of the scatter of the samples. Noise of half a step scatters by 1 / 1.73 of a step; with
+less, the error of a mean no longer averages out, and it is not white.
+"""
 _MAX_PLAUSIBLE_RANDOM_WALK = math.radians(10.0 / 60.0)
 """rad/√s, 10 deg/√h; gyros of the 1990s had 5, the MEMS gyros of today have 0.1 to 1."""
 
@@ -82,14 +90,18 @@ def characterise_noise(
         return allan_deviation(detrended, record.dt, points.factors, present)
 
     fit = fit_noise(points, slope, detrended_points)
-    if temperature_step is not None:
-        fit = _without_slow_terms(fit, temperature_step)
+    cause = _cause_of_step(record, temperature_step, channel)
+    if cause:
+        fit = _without_terms(fit, cause, ("B", "K", "R"), "slow terms would measure that step")
+    coarse = _describe_coarse_steps(values, channel)
+    if coarse:
+        fit = _without_terms(fit, coarse, TERMS, "the deviation is that of the rounding, not of the sensor")
     edf = _equivalent_dof(points, fit)
     low = points.adev * np.sqrt(edf / chdtri(edf, 0.025))
     high = points.adev * np.sqrt(edf / chdtri(edf, 0.975))
     best_tau, best_deviation = _find_minimum(points, fit, edf)
-    notes = _write_notes(channel, record, points, fit, temperature_step, still_falling=best_tau is None)
-    stop = None if temperature_step is not None else _optimal_maytag_stop(fit, turn, points)
+    notes = _write_notes(channel, record, points, fit, cause, coarse, still_falling=best_tau is None)
+    stop = None if cause else _optimal_maytag_stop(fit, turn, points)
     sigma = points.adev / np.sqrt(2.0 * edf)
     return AllanResult(
         channel, points, edf, sigma, low, high, fit, best_tau, best_deviation, stop, turn, record, notes, node
@@ -101,11 +113,16 @@ def _write_notes(
     record: EvenGrid,
     points: AllanPoints,
     fit: NoiseFit,
-    temperature_step: TemperatureStep | None,
+    cause: str,
+    coarse: str,
     *,
     still_falling: bool,
 ) -> tuple[str, ...]:
-    """Return remarks for the user; still_falling: True if the deviation falls up to the end."""
+    """Return remarks for the user.
+
+    cause: step that hides slow terms, or "". coarse: steps that hide all terms, or "". still_falling: True if
+    the deviation falls up to the end.
+    """
     notes = list(record.notes)
     if record.excluded:
         cut_duration = sum(end - start for start, end in record.excluded)
@@ -114,13 +131,12 @@ def _write_notes(
             f"the sensor was disturbed in {_count_stretches(len(record.excluded))}, {cut_duration:.3g} s in "
             f"total, first from {first:.6g} to {last:.6g} s: cut out and treated as gaps; --as-is keeps them"
         )
-    if temperature_step is not None:
-        notes.append(
-            f"temperature steps by {temperature_step.change:+.2f} °C at {temperature_step.t:.6g} s: "
-            "B, K and R are not given"
-        )
+    if cause:
+        notes.append(f"{cause}: B, K and R are not given")
+    if coarse:
+        notes.append(f"{coarse}: no noise term is given; use a smaller range, or record more bits or digits")
     random_walk = fit.terms["N"].value
-    if channel.startswith("g") and random_walk is not None and random_walk > _MAX_PLAUSIBLE_RANDOM_WALK:
+    if is_gyro(channel) and random_walk is not None and random_walk > _MAX_PLAUSIBLE_RANDOM_WALK:
         notes.append(
             f"an angle random walk of {math.degrees(random_walk) * 60.0:.3g} deg/√h is far beyond MEMS gyros "
             "(0.1 to 5): data in deg/s that are read as rad/s are 57 times too large; check --unit"
@@ -185,16 +201,43 @@ def _optimal_maytag_stop(fit: NoiseFit, turn: float, points: AllanPoints) -> flo
     return float(tau[int(np.argmin(fit.variance(tau) * (tau + turn)))])
 
 
-def _without_slow_terms(fit: NoiseFit, temperature_step: TemperatureStep) -> NoiseFit:
-    """Return the fit with B, K and R marked as not shown, because of a temperature step."""
-    reason = (
-        f"the temperature steps by {temperature_step.change:+.2f} °C at {temperature_step.t:.6g} s: slow "
-        "terms would measure the room; record at constant temperature, or select a part with --start "
-        "and --end"
-    )
-    slow = ("B", "K", "R")
+def _cause_of_step(record: EvenGrid, temperature_step: TemperatureStep | None, channel: str) -> str:
+    """Return a step of the temperature or the bias in words, or "" if the record has none."""
+    if temperature_step is not None:
+        return f"the temperature steps by {temperature_step.change:+.2f} °C at {temperature_step.t:.6g} s"
+    t = np.asarray(record.start + np.flatnonzero(record.present) * record.dt, np.float64)
+    step = find_bias_step(t, record.values[record.present])
+    if step is None:
+        return ""
+    return f"the bias steps by {_in_common_unit(step.change, channel, '+.3g')} at {step.t:.6g} s"
+
+
+def _describe_coarse_steps(values: Array, channel: str) -> str:
+    """Return in words that the channel is rounded to steps larger than its noise, or "" if it is not.
+
+    Raises InputError for steps that hide the noise altogether.
+    """
+    step = rounding_sigma(values)[1]
+    ratio = step / max(float(np.std(np.diff(values))) / math.sqrt(2.0), 1e-300)
+    if ratio < _COARSE_STEP_RATIO:
+        return ""
+    text = f"the output has steps of {_in_common_unit(step, channel)}, {ratio:.1f} times the samples' scatter"
+    if ratio > _BLIND_STEP_RATIO:
+        raise InputError(
+            f"{text}: the noise of the sensor does not show; use a smaller range, or more bits or digits"
+        )
+    return text
+
+
+def _in_common_unit(value: float, channel: str, form: str = ".3g") -> str:
+    return f"{math.degrees(value):{form}} deg/s" if is_gyro(channel) else f"{value:{form}} m/s²"
+
+
+def _without_terms(fit: NoiseFit, cause: str, names: Sequence[str], effect: str) -> NoiseFit:
+    """Return the fit with some terms marked as not shown, because of a step or of coarse rounding."""
+    reason = f"{cause}: {effect}"
     terms = {
-        name: NoiseTerm(None, None, reason) if name in slow else term for name, term in fit.terms.items()
+        name: NoiseTerm(None, None, reason) if name in names else term for name, term in fit.terms.items()
     }
     return replace(fit, terms={name: terms[name] for name in TERMS})
 

@@ -26,6 +26,11 @@ from hubodo.sensors.heading.standstill import (
 )
 from hubodo.sensors.heading.track import estimate_heading
 from hubodo.sensors.heading.vertical_axis import Spans, VerticalAxis
+from hubodo.sensors.imu.quantisation import (
+    describe_rounding,
+    find_quantisation_steps,
+    rounding_sigma,
+)
 from hubodo.sensors.saturation import check_saturation, saturated_value
 from hubodo.sensors.standstill_channel import IMU_CHANNELS, interpolate_temperature
 
@@ -107,23 +112,26 @@ def heading_from_recording(
     scale_sigma = _scale_sigma(options, effects, notes)
     lag = _gyro_delay(options, effects)
     track = estimate_heading(
-        axis, spans, model, noise, age=options.age or 0.0, scale_sigma=scale_sigma, lag=lag, step=options.step
+        axis,
+        spans,
+        model,
+        noise,
+        age=options.age or 0.0,
+        scale_sigma=scale_sigma,
+        lag=lag,
+        step=options.step,
+        rounding=_rounding(axis, spans, notes),
     )
-    if track.gaps:
-        longest = max(end - start for start, end in track.gaps)
-        notes.append(
-            f"{len(track.gaps)} gaps, the longest {longest:.3g} s; sigma covers the rotation in them"
-        )
+    notes += _describe_gaps(track.gaps)
     truth = read_true_heading(recording)
     scored = None if truth is None else score_heading(track, truth)
-    rests = tuple((float(t[i]), float(t[j - 1])) for i, j in spans)
     return HeadingResult(
         log,
         output,
         node,
         options.axis,
         up > 0,
-        rests,
+        tuple((float(t[i]), float(t[j - 1])) for i, j in spans),
         model,
         noise,
         scale_sigma,
@@ -132,6 +140,13 @@ def heading_from_recording(
         scored,
         tuple(notes),
     )
+
+
+def _describe_gaps(gaps: Sequence[tuple[float, float]]) -> list[str]:
+    if not gaps:
+        return []
+    longest = max(end - start for start, end in gaps)
+    return [f"{len(gaps)} gaps, the longest {longest:.3g} s; sigma covers the rotation in them"]
 
 
 def _check_saturation(rate: Array, spans: Spans, axis: str, notes: list[str]) -> None:
@@ -144,6 +159,16 @@ def _check_saturation(rate: Array, spans: Spans, axis: str, notes: list[str]) ->
             f"{saturated[1]:.1%} of the samples of g{axis} equal {math.degrees(saturated[0]):.4g} deg/s: if "
             "that is the end of its range, the rotation beyond it is missing, and sigma does not contain it"
         )
+
+
+def _rounding(axis: VerticalAxis, spans: Spans, notes: list[str]) -> float:
+    """Return the 1σ of means of the rate that rounding causes, rad/s; add a remark where it matters."""
+    parts = [axis.raw[i:j] for i, j in spans] or [axis.raw]
+    step = float(find_quantisation_steps(axis.raw[:, None])[0])
+    rounding = max(rounding_sigma(part, step)[0] for part in parts)
+    if rounding > TYPICAL_BIAS_INSTABILITY / 3.0:
+        notes.append(describe_rounding(step, rounding))
+    return rounding
 
 
 def _bias_from_calibration(effects: Mapping[str, CalibratedEffect], detected: DetectedStandstills) -> str:

@@ -48,6 +48,7 @@ def estimate_heading(
     scale_sigma: float = 0.0,
     lag: float = 0.0,
     step: float = 0.1,
+    rounding: float = 0.0,
 ) -> HeadingTrack:
     """Run the heading filter over means of about `step` s.
 
@@ -55,7 +56,8 @@ def estimate_heading(
     first sample, s. scale_sigma: relative sigma of the scale factor, which is constant, so its error is
     proportional to the net turn. lag: delay of the gyro, s, which makes the heading late by that times the
     rate. In a gap the rate is interpolated linearly, with an error equal to the rms change of the rate
-    elsewhere within half the gap's length.
+    elsewhere within half the gap's length. rounding: 1σ of means of the rate due to rounding, rad/s, both of
+    the bias from standstills and of the rates of steady turns.
     """
     t = axis.t
     sample_interval = float(np.median(np.diff(t)))
@@ -88,7 +90,10 @@ def estimate_heading(
         t[edges],
         heading,
         np.sqrt(
-            sigma**2 + (scale_sigma * heading) ** 2 + (lag * _rate_changes(t[edges], turned[edges])) ** 2
+            sigma**2
+            + (scale_sigma * heading) ** 2
+            + (lag * _rate_changes(t[edges], turned[edges])) ** 2
+            + 2.0 * (rounding * (t[edges] - t[0])) ** 2
         ),
         bias,
         sigma_bias,

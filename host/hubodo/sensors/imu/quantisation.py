@@ -17,6 +17,7 @@ from hubodo.earth import STANDARD_GRAVITY
 
 _MAX_LEVELS = 200_000
 _MIN_LEVEL_DIFFERENCES, _MAX_MULTIPLE, _MULTIPLE_TOLERANCE = 8, 100.0, 0.05
+_MIN_RECURRENCE = 20
 _MAX_DECIMALS = 12
 _DECIMAL_UNITS = (1.0, STANDARD_GRAVITY, STANDARD_GRAVITY * 1e-3, math.pi / 180.0, math.pi / 648e3)
 """Units in which a file may have been rounded: SI, g, mg, deg/s, deg/h."""
@@ -44,6 +45,26 @@ def undithered_sigma(scatter: Array, steps: Array) -> Array:
     return np.asarray(np.where(steps > 0.0, steps * np.sqrt(variance), 0.0))
 
 
+def rounding_sigma(values: Array, step: float | None = None) -> tuple[float, float]:
+    """Return the error of means that rounding causes and no averaging reduces (1σ), and the step.
+
+    values: (N,) a channel whose true value changes by less than its noise from one sample to the next. step:
+    if known from other values of the channel.
+    """
+    if step is None:
+        step = _find_step(values)
+    scatter = float(np.sqrt(np.mean(np.diff(values) ** 2) / 2.0))
+    return float(undithered_sigma(np.array([scatter]), np.array([step]))[0]), step
+
+
+def describe_rounding(step: float, rounding: float) -> str:
+    """Return a remark on the steps of a gyro, rad/s, that its noise does not average out."""
+    return (
+        f"the output has steps of {math.degrees(step):.3g} deg/s, which its noise does not average out: "
+        f"sigma includes {math.degrees(rounding) * 3600.0:.3g} °/h for it; use a smaller range"
+    )
+
+
 def _find_step(values: Array) -> float:
     levels = np.unique(values[:: max(1, len(values) // _MAX_LEVELS)])
     largest = float(np.abs(levels).max())
@@ -54,10 +75,10 @@ def _find_step(values: Array) -> float:
     step = _decimal_step(levels)
     multiples = differences / differences.min()
     multiples = multiples[multiples < _MAX_MULTIPLE]
-    if (
-        len(multiples) >= _MIN_LEVEL_DIFFERENCES
-        and np.abs(multiples - np.rint(multiples)).max() < _MULTIPLE_TOLERANCE
-    ):
+    # A few levels that recur are evidence enough; values that are not rounded hardly recur.
+    if (len(multiples) >= _MIN_LEVEL_DIFFERENCES or _MIN_RECURRENCE * len(levels) < len(values)) and np.abs(
+        multiples - np.rint(multiples)
+    ).max() < _MULTIPLE_TOLERANCE:
         step = max(step, float(differences.min()))
     if step == 0.0 and np.array_equal(levels, levels.astype(np.float32)):
         step = float(np.spacing(np.float32(largest)))

@@ -9,11 +9,12 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from hubodo.arrays import Array
 from hubodo.errors import InputError
-from hubodo.recording import Table
+from hubodo.recording import NODE_COLUMNS, Table
 from hubodo.sensors.north.motion_from_gyro import find_table_motion
 from hubodo.sensors.north.mount import (
     AxisMount,
     check_turn_direction,
+    confirm_turn_sense,
     describe_table_tilt,
     estimate_mount,
     vertical_earth_rate,
@@ -71,9 +72,12 @@ def build_axis_record(
     """
     if len(node) < _MIN_RECORD_SAMPLES:
         raise InputError(f"{len(node)} samples are too few to find north; record several stops of the table")
+    node, dropped = _complete_rows(node, axis, needs_all=table is None)
     node, spikes = _replace_spikes(node)
     mount = axis_mount(node, axis)
     warnings = list(mount.warnings)
+    if dropped:
+        warnings.append(f"{dropped} rows with values that are not numbers are left out")
     if spikes:
         warnings.append(f"{spikes} outliers of the gyro are replaced by the median of their neighbours")
     if table is None:
@@ -86,6 +90,11 @@ def build_axis_record(
             max_rate=angle_options.max_rate,
         )
         warnings.append("stops and angles are derived from the gyro: table zero is the first stop")
+        if not confirm_turn_sense(mount, node.t, node.accel, motion):
+            warnings.append(
+                "nothing confirms the signs of the gyro's axes, as gravity does not turn on a level table: a "
+                "reversed axis would change the azimuth unnoticed; hubodo calibrate imu checks them"
+            )
     else:
         motion = TableMotion(table.t, table["angle"], table["moving"] > 0.5)
         check_turn_direction(mount, node.t, motion)
@@ -94,6 +103,27 @@ def build_axis_record(
     return AxisRecord(
         node.t, rate, motion, mount.mounting_angle, mount.level_share, mount.vertical_rate
     ), warnings
+
+
+def _complete_rows(node: Table, axis: str, *, needs_all: bool) -> tuple[Table, int]:
+    """Return the rows in which all measured channels are numbers, and how many were left out.
+
+    needs_all: True if angles are derived from all three gyro axes. Raises InputError if a required one was
+    not measured.
+    """
+    measured = [name for name in NODE_COLUMNS[1:] if np.isfinite(node[name]).any()]
+    for name in ("gx", "gy", "gz") if needs_all else (f"g{axis}",):
+        if name not in measured:
+            advice = (
+                "provide table.csv with the angles of the table" if needs_all else "choose another --axis"
+            )
+            raise InputError(f"the node has no {name}; {advice}")
+    complete = np.isfinite(np.column_stack([node[name] for name in measured])).all(axis=1)
+    if complete.all():
+        return node, 0
+    columns = {name: values[complete] for name, values in node.columns.items()}
+    rows = Table(columns, None if node.t_ns is None else node.t_ns[complete])
+    return rows, int(np.count_nonzero(~complete))
 
 
 def _replace_spikes(node: Table) -> tuple[Table, int]:

@@ -17,6 +17,10 @@ MIN_CHECKED_TURN = np.radians(60)
 _MIN_UNAMBIGUOUS_RATE = np.radians(5)
 """Turn rate, rad/s, whose sign the bias of a gyro cannot hide if the table never stands."""
 
+_MIN_SENSE_STOPS, _MIN_STOP_SAMPLES = 4, 20
+_SENSE_CHI_SQUARE = 20.0
+"""Twice the log likelihood ratio of both senses of turning, 4.5 sigma, from which gravity decides."""
+
 
 @dataclass(frozen=True)
 class AxisMount:
@@ -108,6 +112,37 @@ def check_turn_direction(mount: AxisMount, t: Array, table: TableMotion) -> None
             "table.csv: the angle grows clockwise (the vertical gyro measured the opposite turn); it must "
             "grow anticlockwise seen from above: change its sign"
         )
+
+
+def confirm_turn_sense(mount: AxisMount, t: Array, accel: Array, table: TableMotion) -> bool:
+    """Return True if gravity confirms the sense of angles that the gyro measured, False if it shows neither.
+
+    On a table that leans, gravity turns clockwise in the node as the table turns anticlockwise; on a level
+    one it does not turn. Raises InputError if it turns the other way: an axis of the gyro is reversed.
+    """
+    horizontal = np.linalg.svd(mount.up[None])[2][1:]
+    horizontal[1] *= np.sign(np.linalg.det(np.vstack([horizontal, mount.up])))
+    edges = np.flatnonzero(np.diff(table.moving_at(t).astype(np.int8), prepend=1, append=1))
+    stops = [(i, j) for i, j in zip(edges[::2], edges[1::2], strict=True) if j - i >= _MIN_STOP_SAMPLES]
+    if len(stops) < _MIN_SENSE_STOPS or not np.linalg.norm(accel.mean(axis=0)) > 1.0:
+        return False
+    force = np.array([accel[i:j].mean(axis=0) for i, j in stops]) @ horizontal.T
+    angle = table.angle_at(np.array([t[(i + j) // 2] for i, j in stops]))
+    misfit = []
+    for sense in (1.0, -1.0):
+        design = np.column_stack([np.ones(len(stops)), np.exp(-1j * sense * angle)])
+        values = force[:, 0] + 1j * force[:, 1]
+        residual = values - design @ np.linalg.lstsq(design, values, rcond=None)[0]
+        misfit.append(float(np.vdot(residual, residual).real))
+    # Twice the log likelihood ratio for an unknown noise is the number of values times the logarithm.
+    support = 2 * len(stops) * np.log(max(misfit[1], 1e-300) / max(misfit[0], 1e-300))
+    if support < -_SENSE_CHI_SQUARE:
+        raise InputError(
+            "the table leans, and gravity turns against the turns of the gyro: an axis of the gyro is "
+            "reversed, or gyro and accelerometer have different axes; correct the signs "
+            "(hubodo calibrate imu names the axis)"
+        )
+    return bool(support > _SENSE_CHI_SQUARE)
 
 
 def describe_table_tilt(mount: AxisMount, t: Array, table: TableMotion) -> list[str]:

@@ -8,7 +8,9 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.errors import InputError
+from hubodo.sensors.bias_step import find_bias_step
 from hubodo.sensors.even_grid import EvenGrid, place_on_grid
+from hubodo.sensors.imu.quantisation import describe_rounding, rounding_sigma
 from hubodo.sensors.standstill_channel import StandstillRecord
 from hubodo.sensors.standstill_checks import TemperatureStep
 from hubodo.sensors.warmup.assess import assess_fit, describe_next_model, select_next_model
@@ -65,10 +67,11 @@ def characterise_warmup(
             f"{record.duration:.3g} s with {len(t)} samples is too short for a warm-up; record from power-on "
             "for at least three time constants, some tens of minutes for a MEMS gyro"
         )
+    rounding, step = rounding_sigma(values)
     times, means, mean_temperatures = _block_means(record, t, temperature)
     times = times - times[0] + age + 0.5 * (times[1] - times[0])
     exponential = assess_fit(fit_warmup(times, means), record, age, None)
-    notes = list(record.notes)
+    notes = [*record.notes, *_note_on_rounding(step, rounding, means)]
     reason = _reason_not_determined(exponential.fit, times, means)
     next_model = None
     if exponential.ljung_box.is_white:
@@ -78,6 +81,7 @@ def characterise_warmup(
                 "the sensor or to vibration, not to the warm-up model"
             )
     else:
+        _check_bias_step(times - age + t[0], means, exponential.fit.residual)
         next_model = select_next_model(
             exponential, times, means, mean_temperatures, record, t, temperature, age
         )
@@ -99,7 +103,24 @@ def characterise_warmup(
         record,
         tuple(notes),
         node,
+        rounding=rounding,
     )
+
+
+def _note_on_rounding(step: float, rounding: float, means: Array) -> list[str]:
+    """Return a remark if the rounding exceeds the noise of the mean of the record."""
+    noise = float(np.std(np.diff(means))) / math.sqrt(2.0 * len(means))
+    return [describe_rounding(step, rounding)] if rounding > noise else []
+
+
+def _check_bias_step(times: Array, means: Array, residual: Array) -> None:
+    """Raise InputError if the means or the residual of the exponential step; times: (M,) s of the log."""
+    step = find_bias_step(times, means) or find_bias_step(times, residual)
+    if step is not None:
+        raise InputError(
+            f"the rate steps by {math.degrees(step.change):+.3g} deg/s at {step.t:.6g} s, as after a blow or "
+            f"a change of the supply, which no warm-up does; use --end {step.t:.6g} for the part before it"
+        )
 
 
 def _block_means(record: EvenGrid, t: Array, temperature: Array | None) -> tuple[Array, Array, Array | None]:

@@ -43,6 +43,7 @@ class BiasForecast:
         weights: (F,) weights of the forms in the sigma, with sum 1.
         mean_weights: (F,) weights of the forms in the bias, with sum 1. Slow noise that the record does not
             show increases the sigma but does not change the bias.
+        rounding: 1σ of the error of all means that rounding to steps causes, rad/s.
     """
 
     t: Array
@@ -51,6 +52,7 @@ class BiasForecast:
     forms: tuple[FittedForm, ...]
     weights: Array
     mean_weights: Array
+    rounding: float = 0.0
 
     def predict(self, age: Array, temperature: Array | None = None) -> tuple[Array, Array]:
         """Return bias and sigma, (M,) rad/s, at ages (M,) s since power-on.
@@ -63,7 +65,7 @@ class BiasForecast:
         predictions = [self._predict_form(form, factor, age, temperature) for form, factor in pairs]
         means, variances = (np.array(row) for row in zip(*predictions, strict=True))
         mean = self.mean_weights @ means
-        return mean, np.sqrt(self.weights @ (variances + (means - mean) ** 2))
+        return mean, np.sqrt(self.weights @ (variances + (means - mean) ** 2) + self.rounding**2)
 
     def model_error(self, age: Array, bias: Array, temperature: Array | None = None) -> Array:
         """Return the rms error, (M,) rad/s, of another model that predicts `bias` (M,) at these ages."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -71,6 +71,8 @@ class WarmupResult:
         Times since power-on to forecast, s; by default within and after the record.
     log, output : str or None
         Path of the log and of the calibration file in the result of the verb.
+    rounding : float
+        1σ of the error of all means that rounding to steps causes, rad/s.
     """
 
     channel: str
@@ -88,6 +90,7 @@ class WarmupResult:
     ages: tuple[float, ...] = ()
     log: str | None = None
     output: str | None = None
+    rounding: float = 0.0
 
     @property
     def values(self) -> Mapping[str, float]:
@@ -141,7 +144,8 @@ class WarmupResult:
         for candidate in (span / 4.0, span / 20.0):
             if len(initial) < 2 and all(abs(math.log(candidate / one)) > 0.5 for one in initial):
                 initial.append(candidate)
-        return fit_forecast(self.t, self.means, self.mean_temperatures, (*initial, span / 8.0)[:2])
+        forecast = fit_forecast(self.t, self.means, self.mean_temperatures, (*initial, span / 8.0)[:2])
+        return replace(forecast, rounding=self.rounding)
 
     @cached_property
     def sigma(self) -> dict[str, float]:

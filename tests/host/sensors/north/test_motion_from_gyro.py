@@ -90,6 +90,30 @@ def test_single_outliers_are_replaced_and_reported():
     assert abs(wrap_angle(result.azimuth - azimuth)) < 4 * result.sigma
 
 
+def test_rows_without_numbers_are_left_out_and_an_axis_without_any_is_named():
+    node, azimuth, *_ = recorded(9, even())
+    columns = dict(node.columns)
+    columns["gy"] = np.where(np.random.default_rng(9).random(len(node)) < 0.02, np.nan, node["gy"])
+    result, warnings = found_in(Table(columns))
+    assert any("rows with values that are not numbers" in text for text in warnings)
+    assert abs(wrap_angle(result.azimuth - azimuth)) < 4 * result.sigma
+    columns["gy"] = np.full(len(node), np.nan)
+    with pytest.raises(InputError, match=r"no gy; provide table\.csv"):
+        found_in(Table(columns))
+
+
+def test_gravity_on_a_leaning_table_confirms_or_contradicts_the_signs_of_the_gyro():
+    """A lean of 0.1 degrees is enough; a level table shows nothing, which is said."""
+    for seed in range(3):
+        level, *_ = recorded(seed, even())
+        leaning, *_ = recorded(seed, even(), lean=(0.0012, 0.0013))
+        assert any("nothing confirms the signs" in text for text in found_in(level)[1])
+        assert not any("nothing confirms the signs" in text for text in found_in(leaning)[1])
+        columns = {**leaning.columns, **{name: -leaning[name] for name in ("gx", "gz")}}
+        with pytest.raises(InputError, match="gravity turns against the turns of the gyro"):
+            found_in(Table(columns))
+
+
 def test_a_turn_beyond_the_range_of_the_gyro_is_refused_unless_the_table_has_steps():
     node, *_ = recorded(10, even(rate=150.0))
     columns = dict(node.columns)
