@@ -212,7 +212,8 @@ def _track_width_warnings(wheel_filter: WheelFilter) -> list[str]:
         return []
     return [
         f"track_width: speeds and gyros show {declared * (1.0 + error.value):.3g} m instead of {declared:g} m"
-        f" ({error.value:+.0%} ± {error.sigma:.1%}); see to the vehicle file"
+        f" ({error.value:+.0%} ± {error.sigma:.1%}); correct it in the vehicle file, or state "
+        "steered = true if these wheels steer"
     ]
 
 
