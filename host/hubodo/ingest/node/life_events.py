@@ -23,6 +23,17 @@ def power_on_event(node: str, boot_id: int, power_on_ns: int, t_ns: int) -> Even
     return Event(t_ns, "started", node, text, data)
 
 
+def lag_event(node: str, lag_ns: int, duration_ns: int, t_ns: int) -> Event:
+    """Return the event of samples dated too late until t_ns, by `lag_ns`; duration_ns: of the correction."""
+    lag, duration = lag_ns / NS_PER_S, duration_ns / NS_PER_S
+    text = (
+        f"{node}: its samples so far were read {lag:.3g} s late and are dated that much too late; times are "
+        f"corrected by 0.1 % of the time, for {duration / 60.0:.0f} min. Its own distances stay valid; for "
+        "times that agree with other sensors at once, start the recording again"
+    )
+    return Event(t_ns, "lag", node, text, {"node": node, "lag": lag, "duration_s": duration})
+
+
 def final_health_event(node: str, health: Health, now_ns: int) -> Event:
     """Return the event of a node's counters at the end of the recording."""
     return Event(now_ns, "health", node, f"{node}: last report of the node", health_json(node, health))

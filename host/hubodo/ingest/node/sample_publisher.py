@@ -10,10 +10,10 @@ import numpy as np
 from hubodo.ingest.node.bias_filter import filter_report_columns
 from hubodo.ingest.node.clock import ClockSync
 from hubodo.ingest.node.health import SupplyHistory, read_supply
-from hubodo.ingest.node.life_events import power_on_event
+from hubodo.ingest.node.life_events import lag_event, power_on_event
 from hubodo.ingest.node.log_times import LogTimeSequence, RateWindow
 from hubodo.ingest.node.outputs import BiasFilterReport, HealthReceived, HighGBlock, MagSample
-from hubodo.ingest.node.slewed_times import SlewedTimes
+from hubodo.ingest.node.slewed_times import OVERLAP_SLEW_RATIO, SlewedTimes
 from hubodo.log.records import (
     Battery,
     BiasFilterRow,
@@ -35,6 +35,7 @@ _MAX_CLOCK_WAIT_NS = (
 )  # samples are held for the first clock replies; on a starved host they are late
 _MIN_CLOCK_REPLIES = 6  # a single reply may be late by a scheduling delay of a busy host
 _MAX_INITIAL_SIGMA_NS = NS_PER_S // 4  # above that of any link: the host itself reads late
+_MIN_REPORTED_LAG_NS = NS_PER_S // 20  # more than the delay of any link
 _REPORTS: tuple[type, ...] = (MagSample, HighGBlock, BiasFilterReport, HealthReceived)
 TimedOutput = (
     ImuBlock | MagSample | HighGBlock | BiasFilterReport | HealthReceived
@@ -61,6 +62,9 @@ class SamplePublisher:
         self.newest_block: ImuBlock | None = None
         self.power_on_ns: int | None = None
         """Host time at which the node was switched on; None before its first samples."""
+        self.notices: list[Event] = []
+        """Events for the user; removed once shown."""
+        self._reported_lag_ns = _MIN_REPORTED_LAG_NS
         self.start_event: Event | None = None
         """Event about the newest start of the node, logged with its first samples."""
         self._name, self._clock, self._sink, self._order = name, clock, sink, order
@@ -100,6 +104,7 @@ class SamplePublisher:
         yield from self.release()
         self._held_since_ns = 0
         self._clock_is_known = False
+        self._reported_lag_ns = _MIN_REPORTED_LAG_NS
 
     def add(self, item: TimedOutput) -> Iterator[NodeSamples]:
         """Publish an item and all held ones if the clock is known or the wait is over, else hold it."""
@@ -116,6 +121,7 @@ class SamplePublisher:
         if not self.clock_is_known or self._held or self._unlogged_boot is not None:
             return False
         t_ns = self._imu_times.to_host_ns(run.device_ns)
+        self._report_lag(int(t_ns[0]))
         t_log_ns = self._order.next_times(run.received_ns)
         self._sink.write_record(replace(run, t_ns=t_ns, t_log_ns=t_log_ns))
         self._extend_span(int(t_ns[0]), int(t_ns[-1]))
@@ -142,6 +148,7 @@ class SamplePublisher:
                 yield record
             return
         t_ns = self._imu_times.to_host_ns(item.device_ns)
+        self._report_lag(int(t_ns[0]))
         if (boot := self._unlogged_boot) is not None:
             self._log_start(boot, int(t_ns[0]))
             self._unlogged_boot = None
@@ -158,6 +165,15 @@ class SamplePublisher:
         self._rate_window.add(item.received_ns, len(t_ns))
         self.newest_block = block
         yield block
+
+    def _report_lag(self, t_ns: int) -> None:
+        """Log samples that were dated too late, and again if the lag turns out to be twice as long."""
+        lag_ns = self._imu_times.overlap_ns
+        if lag_ns > self._reported_lag_ns:
+            self._reported_lag_ns = 2 * lag_ns
+            event = lag_event(self._name, lag_ns, lag_ns * OVERLAP_SLEW_RATIO, t_ns)
+            self.notices.append(event)
+            self._sink.write_record(EventRecord(event))
 
     def _extend_span(self, first_ns: int, last_ns: int) -> None:
         self._span_ns = [self._span_ns[0] if self._span_ns else first_ns, last_ns]

@@ -88,9 +88,9 @@ class NodeSession:
         """For a radio receiver: its reports about nodes that the recorder has not forwarded yet."""
         self.filter_report: BiasFilterReport | None = None
         self.gaps: dict[str, int] = {}  # number by cause
-        self.notices: list[Event] = []  # for the user; removed by the recorder once shown
         self.last_frame_ns = 0
         self.samples = SamplePublisher(name, self.clock, sink, order)
+        self.notices = self.samples.notices  # for the user; removed by the recorder once shown
         self._boot_id: int | None = None
         self._send = send
         self._sink = sink

@@ -12,7 +12,7 @@ Times = NDArray[np.int64]
 
 _SLEW_RATIO = 10_000
 """ns of the stream per 1 ns of correction: 100 ppm, the tolerance of a crystal."""
-_OVERLAP_SLEW_RATIO = 1000
+OVERLAP_SLEW_RATIO = 1000
 """The same for a correction that would repeat published times: 0.1 %, within the sigma of a wheel radius."""
 _MAX_SLEW_NS = 2_000_000
 _MAX_OVERLAP_NS = 60 * NS_PER_S  # beyond this the computer was suspended, and its clock stood still
@@ -35,6 +35,11 @@ class SlewedTimes:
         self._correction_start_ns = self._correction_ns = 0
         self._slew_ratio = _SLEW_RATIO
 
+    @property
+    def overlap_ns(self) -> int:
+        """Return the size of the correction that would repeat published times, ns; 0 without one."""
+        return self._correction_ns if self._slew_ratio == OVERLAP_SLEW_RATIO else 0
+
     def to_host_ns(self, device_ns: Times) -> Times:
         """Return strictly increasing host times (N,) ns of unwrapped device times (N,) ns."""
         if not len(device_ns):
@@ -55,7 +60,7 @@ class SlewedTimes:
     def _start_correction(self, next_device_ns: int) -> None:
         is_same_boot = self._clock.restarts == self._clock_restarts
         self._clock_revision, self._clock_restarts = self._clock.revision, self._clock.restarts
-        was_overlapping = self._slew_ratio == _OVERLAP_SLEW_RATIO
+        was_overlapping = self._slew_ratio == OVERLAP_SLEW_RATIO
         self._correction_ns, self._slew_ratio = 0, _SLEW_RATIO
         if self._last is None or not is_same_boot:
             return
@@ -66,4 +71,4 @@ class SlewedTimes:
         if abs(correction_ns) <= _MAX_SLEW_NS:
             self._correction_ns = correction_ns
         elif (following <= before or was_overlapping) and 0 < correction_ns <= _MAX_OVERLAP_NS:
-            self._correction_ns, self._slew_ratio = correction_ns, _OVERLAP_SLEW_RATIO
+            self._correction_ns, self._slew_ratio = correction_ns, OVERLAP_SLEW_RATIO

@@ -58,3 +58,20 @@ def test_samples_of_a_second_accelerometer_are_logged_in_si_at_their_times():
     t_ns = np.concatenate([block.t_ns for block in blocks])
     assert np.diff(t_ns).tolist() == pytest.approx([2.5e6] * 5 + [10e6] + [2.5e6] * 2)
     assert blocks[0].accel[:, 1] == pytest.approx(np.array([-200, -201, -202]) * 0.049 * 9.80665)
+
+
+def test_samples_that_were_read_seconds_late_are_reported_once_and_a_constant_lag_is_not():
+    line, node = Line(), Node()
+    line.receive(node.hello_frame())
+    for _ in range(200):  # 7.7 s at a constant lag, which nothing shows
+        line.receive(node.batch())
+    assert "lag" not in line.sink.kinds()
+    for _ in range(65):  # a lag of 2.5 s ends
+        line.receive(node.batch(), seconds=0.0)
+    for _ in range(400):
+        line.receive(node.batch())
+    line.close()
+    (event,) = [event for event in line.sink.events if event.kind == "lag"]
+    assert event.data["lag"] == pytest.approx(2.5, abs=0.1)
+    assert event.data["duration_s"] == pytest.approx(2500.0, rel=0.03)
+    assert "2.5 s late" in event.text and "for 42 min" in event.text
