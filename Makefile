@@ -90,6 +90,7 @@ road: setup          ## a real car, standstills, outages, slip, saturated sensor
 	$(BIN)/python tests/accuracy/car.py
 	$(BIN)/python tests/accuracy/wheel_ins.py
 	$(BIN)/python tests/accuracy/car_gnss.py
+	$(BIN)/python tests/accuracy/car_outage.py
 	$(BIN)/python tests/accuracy/scales.py
 	$(BIN)/python tests/accuracy/rests.py
 	$(BIN)/python tests/accuracy/idling.py

@@ -13,6 +13,7 @@ from generators.clipped_drives import CASES, Clipped, clipped_drive
 from generators.wheel_drives import WheelDrive
 from hubodo.fuse.wheel.entries import LEVER_ARM_X, LEVER_ARM_Y, MISALIGNMENT_X, MISALIGNMENT_Y
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample
+from hubodo.fuse.wheel.measurements.steady import GRAVITY_SPEED_SIGMA, ONE_AXIS_SPEED_SIGMA
 from hubodo.fuse.wheel.preintegration import WindowBuilder
 from hubodo.fuse.wheel.spin_search import SpinTracker, find_spin, rederotate_window
 from hubodo.fuse.wheel.track import run_wheel_filter
@@ -26,9 +27,9 @@ MAX_NEES = 20.0
 """NEES of x, y and heading (3 dof); one consistent drive in 6000 exceeds it."""
 
 
-def _windows(drive: WheelDrive, name: str, limit: float) -> list[Window]:
+def _windows(drive: WheelDrive, name: str, limit: float, accel_limit: float = 156.0) -> list[Window]:
     table = tables(drive)[name]
-    return WindowBuilder("left", 0.0, limit).add_many(table.t, table.gyro, table.accel)
+    return WindowBuilder("left", 0.0, limit, accel_limit).add_many(table.t, table.gyro, table.accel)
 
 
 @cache
@@ -198,6 +199,30 @@ def test_the_tracker_observes_a_spin_rate_only_where_gravity_rotates_with_it(
         observed.append(tracker.is_observed)
     assert not observed[0]
     assert observed[-1] == (initial_error == 0.0)
+
+
+@pytest.mark.parametrize(("arm", "sigma"), [(1e-4, GRAVITY_SPEED_SIGMA), (0.15, ONE_AXIS_SPEED_SIGMA)])
+def test_the_sigma_of_a_tracked_speed_is_that_of_its_errors(arm: float, sigma: float) -> None:
+    """At 20 m/s with a bend, then braking, from 31 to 45 s; the long arm saturates one accelerometer axis."""
+    case = Clipped(20.0, rate_hz=208.0, track=1.4, arm=(arm, 0.0))
+    drive = clipped_drive(case, SEED)
+    tracker = SpinTracker(drive.radius)
+    yaw_rate = np.gradient(np.unwrap(drive.heading), drive.t)
+    contact_speed = drive.speed - 0.5 * drive.track * yaw_rate
+    errors = []
+    for window in _windows(drive, "left", case.limits["gyro_limit"], case.limits["accel_limit"]):
+        if not 300 <= window.number < 450:
+            continue
+        speed = float(np.interp((window.number + 0.5) * 0.1, drive.t, contact_speed))
+        rate = speed / (drive.radius * (1.0 + drive.nodes["left"].truth["radius"]))
+        if window.number == 300:
+            tracker.initialise(rate - window.spin / 0.1, 0.0)
+        tracker.track_window(window, complex(arm), 0j)
+        if tracker.is_observed and window.number >= 310:
+            errors.append((window.spin / 0.1 + tracker.excess - rate) * drive.radius)
+            assert (tracker.gravity_angle is None) == (arm < 0.01)
+    assert len(errors) > 120
+    assert 0.5 < np.std(errors) / sigma < 1.25, f"seed {SEED}"
 
 
 def test_rederotating_without_excess_rate_reproduces_the_window(fast: WheelDrive) -> None:

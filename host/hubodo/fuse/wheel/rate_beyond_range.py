@@ -20,7 +20,7 @@ from hubodo.fuse.wheel.entries import (
     X,
     Y,
 )
-from hubodo.fuse.wheel.measurements.steady import GRAVITY_SPEED_SIGMA
+from hubodo.fuse.wheel.measurements.steady import GRAVITY_SPEED_SIGMA, ONE_AXIS_SPEED_SIGMA
 from hubodo.fuse.wheel.outage_model import HARD_ACCELERATION
 from hubodo.fuse.wheel.spin_search import rederotate_window
 from hubodo.fuse.wheel.wheel import MAX_ANGLE_ERROR, Wheel, reset_state
@@ -66,7 +66,8 @@ def derotate_window(x: list[float], p: Array, wheel: Wheel, window: Window) -> t
     reset_columns = []
     if tracker.is_observed:
         x[beyond] = tracker.excess
-        reset_state(p, beyond, (GRAVITY_SPEED_SIGMA / wheel.geometry.radius) ** 2)
+        speed_sigma = GRAVITY_SPEED_SIGMA if tracker.gravity_angle is None else ONE_AXIS_SPEED_SIGMA
+        reset_state(p, beyond, (speed_sigma / wheel.geometry.radius) ** 2)
         reset_columns.append(beyond)
     else:
         # Without gravity the other measurements have estimated it; after a gap, the last search.

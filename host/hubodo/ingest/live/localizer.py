@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.fuse.graph.config import GraphConfig
-from hubodo.fuse.graph.factors.constants import ConstantSigmas
+from hubodo.fuse.graph.factors.constants import sigmas_for_wheel_filter
 from hubodo.fuse.graph.live import LiveGraph, LiveState
 from hubodo.fuse.projection import LocalFrame
 from hubodo.fuse.wheel.config import RADIUS_SIGMAS
+from hubodo.fuse.wheel.entries import GYRO_SCALE_ACROSS, YAW_RATE_FROM_GRAVITY
 from hubodo.fuse.wheel.records import Pose
 from hubodo.fuse.wheel.track import track_from_poses
 from hubodo.log import topics
@@ -99,11 +100,12 @@ class Localizer:
         """
         self._t_zero_ns = t_zero_ns
         self._vehicle = vehicle
-        config = GraphConfig()
-        if vehicle is not None:
-            constants = ConstantSigmas(wheel_radius=RADIUS_SIGMAS[vehicle.radius_from].total)
-            config = GraphConfig(antenna=vehicle.antenna or (0.0, 0.0), constants=constants)
-        self._graph = LiveGraph(config)
+        radius_sigma = RADIUS_SIGMAS[vehicle.radius_from if vehicle is not None else "nominal"].total
+        constants = sigmas_for_wheel_filter(
+            radius_sigma, [GYRO_SCALE_ACROSS.prior], YAW_RATE_FROM_GRAVITY.prior
+        )
+        antenna = (vehicle.antenna if vehicle is not None else None) or (0.0, 0.0)
+        self._graph = LiveGraph(GraphConfig(antenna=antenna, constants=constants))
         self._map: LocalFrame | None = None
         self._reported_kinds: set[str] = set()
         self._warnings_read = 0
