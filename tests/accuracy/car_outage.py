@@ -56,8 +56,8 @@ def bound(path: Track, fix_t: Array, end: float, heading_sigma: float) -> float:
         east, north, heading, radius, yaw_scale, yaw_rate = parameters
         turn = heading + yaw_scale * turned + yaw_rate * elapsed
         path_xy = np.append(0.0, np.cumsum(step * np.exp(0.5j * (turn[1:] + turn[:-1]))))
-        moved = (1.0 + radius) * np.interp(t, path.t, path_xy) + complex(east, north)
-        return np.concatenate([moved.real, moved.imag])
+        xy = (1.0 + radius) * np.interp(t, path.t, path_xy) + complex(east, north)
+        return np.concatenate([xy.real, xy.imag])
 
     def jacobian(t: Array) -> Array:
         columns = []
