@@ -5,8 +5,8 @@
 
 A model is learnt on each drive from the geometry and the noise of the vehicle alone. With it `gap` judges the
 other drive as recorded, and with each effect in the samples of one node. The trivial baseline names nothing.
-The clocks of two nodes differ in a drive as recorded: an injected offset or skew counts beyond the value that
-a fit to the drive as recorded gives.
+The clocks of two nodes differ in a drive as recorded, and their gyros lag: an injected offset, skew or lag
+counts beyond the value that a fit to the drive as recorded gives.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from hubodo.recording import Recording  # noqa: E402
 DRIVES = ("drive-1", "drive-2")
 STRENGTHS = ("medium", "strong")
 HIGH_CONFIDENCE = 0.9
-CLOCK_EFFECTS = ("time_offset", "clock_skew")
+DELAY_EFFECTS = ("time_offset", "clock_skew", "gyro_lag")
 
 
 @dataclass(frozen=True)
@@ -140,11 +140,11 @@ def run_case(case: Case, folder: Path, seed: int) -> Row:
 
 
 def measure_recorded(drive: Recording, model: Model, effect: str, node: str) -> Mapping[str, float]:
-    """Return the error of a node's clock in a drive as recorded, by a fit beside the effects of the model.
+    """Return the delay of a node in a drive as recorded, by a fit beside the effects of the model.
 
     Empty for other effects.
     """
-    if effect not in CLOCK_EFFECTS:
+    if effect not in DELAY_EFFECTS:
         return {}
     state = build_initial_state(build_problem(drive, model))
     fit = refit_with_weights(state.with_term(ModelTerm(BY_NAME[effect](), node)))

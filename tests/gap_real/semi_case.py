@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from residual_noise import REAL_FACING, DriveNoise, turn_over
-from semi_gain import NodesGainMeter
+from semi_gain import SCATTER_EFFECTS, NodesGainMeter
 
 from gap_matrix import cases, effects, sensor
 from gap_matrix.cases import Setup
@@ -121,9 +121,21 @@ def draw_case(
         except ValueError as error:
             reason = str(error)
             continue
-        effect = effects.scale_effect(effect, size)
+        effect = restrict_to_visible_side(meter, effects.scale_effect(effect, size))
         return SemiCase(setup, noise, effect, gain * size**2, list_visible_parameters(meter, effect))
     raise ValueError(reason)
+
+
+def restrict_to_visible_side(meter: NodesGainMeter, effect: Effect) -> Effect:
+    """Return an effect of the samples of both nodes as that of the only node which shows it, if one does not.
+
+    A limit that only one wheel reaches leaves the readings of the other as they are.
+    """
+    if effect.scope != "all" or effect.name not in SCATTER_EFFECTS:
+        return effect
+    alone = [replace(effect, scope=side) for side in SIDES]
+    shown = [one for one in alone if meter.gain(one) > _MIN_VISIBLE_NATS]
+    return shown[0] if len(shown) == 1 else effect
 
 
 def list_visible_parameters(meter: NodesGainMeter, effect: Effect) -> tuple[str, ...]:

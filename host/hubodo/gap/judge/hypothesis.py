@@ -11,7 +11,7 @@ from hubodo.arrays import Array
 from hubodo.effects.empirical import PREFIX
 from hubodo.effects.plausibility import implausible_parameters
 from hubodo.gap.refit.cross_validation import HeldOutGain, compute_held_out_gain
-from hubodo.gap.refit.prune import count_determined
+from hubodo.gap.refit.prune import MODEL_IMPRECISION, count_determined
 from hubodo.gap.refit.refit import Refit, compute_gain
 from hubodo.gap.scatter import Proposal
 from hubodo.gap.screen.evidence import USUAL_SCALE, compute_log_evidence
@@ -31,11 +31,29 @@ _MIN_HELD_OUT_Z, _MIN_HELD_OUT_SHARE = 2.5, 0.3
 # road. There is no such limit for offsets and clocks, which differ from drive to drive. The larger value is
 # for unnamed terms; the smaller one grows with the coordinates beyond those of a triad.
 _MIN_LEVEL_SIGMAS, _MIN_LEVEL_SIGMAS_UNNAMED, _TRIAD_SIZE = 0.45, 1.3, 3
+# Smallest gain of an effect that a varying noise level could produce where residuals are correlated, in ln
+# likelihood, tempered: the mean of a real sensor's noise, which differs with the spin, imitates effects.
+_MIN_CORRELATED_GAIN, MIN_CORRELATED_TEMPERING = 45.0, 3.0
 # Smallest share of the gain that the plausible coordinates of an effect must have alone.
 _MIN_PLAUSIBLE_SHARE = 0.5
 # ln Bayes factor of a hypothesis with an objection: too little for any prior.
 _OBJECTION_EVIDENCE = -50.0
 DOUBTFUL_LEVEL = "gains no more on held-out samples than the level of the noise leaves in doubt"
+_DOUBTFUL_CORRELATION = "gains no more than the correlation of the residuals leaves in doubt"
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """What the hypotheses of a round are compared with.
+
+    fit: fit without any of them
+    model_gain: gain of the effects of that fit, in ln likelihood
+    tempering: factor by which correlated residuals exaggerate gains
+    """
+
+    fit: Refit
+    model_gain: float
+    tempering: float
 
 
 @dataclass(frozen=True)
@@ -112,17 +130,15 @@ def doubtful_gain(term: ModelTerm, gain: HeldOutGain) -> float:
     is_unnamed = term.effect.name.startswith(PREFIX)
     size_ratio = max(len(term.effect.coordinates()) / _TRIAD_SIZE, 1.0)
     sigmas = _MIN_LEVEL_SIGMAS_UNNAMED if is_unnamed else _MIN_LEVEL_SIGMAS * math.sqrt(size_ratio)
-    return sigmas * gain.level_sigma
+    return min(sigmas * gain.level_sigma, gain.max_doubt)
 
 
-def judge_effect(before: Refit, screened: ScreenedCandidate, after: Refit, tempering: float) -> Hypothesis:
+def judge_effect(baseline: Baseline, screened: ScreenedCandidate, after: Refit) -> Hypothesis:
     """Judge an effect that was screened and refitted."""
     term = next(term for term in after.free_terms if term.key == screened.candidate.term.key)
-    gain = _limit_gain(compute_gain(before, after), screened.gain)
-    evidence = (
-        _refit_evidence(screened, after.information(term), gain, tempering) - term.effect.neg_log_prior()
-    )
-    return _weigh_objections(before, term, after, gain, evidence, tempering)
+    gain = _limit_gain(compute_gain(baseline.fit, after), screened.gain)
+    evidence = _refit_evidence(screened, after.information(term), gain, baseline.tempering)
+    return _weigh_objections(baseline, term, after, gain, evidence - term.effect.neg_log_prior())
 
 
 def judge_proposal(
@@ -137,21 +153,22 @@ def judge_proposal(
     return Hypothesis(proposal.term, gain, evidence, 0.0, None, proposal)
 
 
-def judge_unnamed_term(before: Refit, unnamed: UnnamedTerm, after: Refit, tempering: float) -> Hypothesis:
+def judge_unnamed_term(baseline: Baseline, unnamed: UnnamedTerm, after: Refit) -> Hypothesis:
     """Judge an unnamed term that was refitted."""
     term = next(term for term in after.free_terms if term.key == unnamed.term.key)
-    gain = _limit_gain(compute_gain(before, after), unnamed.gain)
-    evidence = gain / tempering - (unnamed.gain - unnamed.evidence)
-    return _weigh_objections(before, term, after, gain, evidence, tempering)
+    gain = _limit_gain(compute_gain(baseline.fit, after), unnamed.gain)
+    evidence = gain / baseline.tempering - (unnamed.gain - unnamed.evidence)
+    return _weigh_objections(baseline, term, after, gain, evidence)
 
 
 def _weigh_objections(
-    before: Refit, term: ModelTerm, after: Refit, gain: float, evidence: float, tempering: float
+    baseline: Baseline, term: ModelTerm, after: Refit, gain: float, evidence: float
 ) -> Hypothesis:
     """Return the hypothesis, with little evidence if it is implausible or fails on held-out samples."""
-    held_out_gain = compute_held_out_gain(before.fold_deviances, after.fold_deviances)
+    tempering = baseline.tempering
+    held_out_gain = compute_held_out_gain(baseline.fit.fold_deviances, after.fold_deviances)
     state = after.evaluation.without_cache().state
-    count, loss = count_determined(after, term, tempering)
+    count, loss = count_determined(after, term, tempering, baseline.model_gain + gain)
     hypothesis = Hypothesis(
         term, gain, evidence, 0.0, state, None, held_out_gain, n_determined=count, determined_gain=gain - loss
     )
@@ -159,9 +176,15 @@ def _weigh_objections(
         return hypothesis.with_objection(_describe_implausible(term))
     if not _helps_held_out(gain, held_out_gain, tempering):
         return hypothesis.with_objection("does not help on samples to which it was not fitted")
-    if hypothesis.is_within_level and not term.effect.varies_between_drives:
-        return hypothesis.with_objection(DOUBTFUL_LEVEL)
-    return hypothesis
+    is_correlated = tempering > MIN_CORRELATED_TEMPERING
+    chance = _MIN_CORRELATED_GAIN * tempering if is_correlated else 0.0
+    if term.effect.varies_between_drives:
+        is_chance = hypothesis.is_within_level and held_out_gain.total < chance
+        return hypothesis.with_objection(_DOUBTFUL_CORRELATION) if is_chance else hypothesis
+    if not term.effect.name.startswith(PREFIX):
+        max_doubt = max(MODEL_IMPRECISION**2 * baseline.model_gain, chance)
+        hypothesis = replace(hypothesis, held_out_gain=replace(held_out_gain, max_doubt=max_doubt))
+    return hypothesis.with_objection(DOUBTFUL_LEVEL) if hypothesis.is_within_level else hypothesis
 
 
 def _plausible_share(term: ModelTerm, information: Array) -> float:

@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 from hubodo.effects.empirical import PREFIX
 from hubodo.gap.judge.hypothesis import (
     DOUBTFUL_LEVEL,
+    MIN_CORRELATED_TEMPERING,
+    Baseline,
     Hypothesis,
     judge_effect,
     judge_proposal,
@@ -18,7 +20,15 @@ from hubodo.gap.judge.posterior import compute_posterior
 from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.process_noise.tracking import track_wheel_phase
 from hubodo.gap.process_noise.weights import Weights, declared_wheel_walk
-from hubodo.gap.refit.refit import Refit, compute_gain, continue_fit, fit_tracked, linearise_fit, refit
+from hubodo.gap.refit.refit import (
+    Refit,
+    compute_gain,
+    compute_model_gain,
+    continue_fit,
+    fit_tracked,
+    linearise_fit,
+    refit,
+)
 from hubodo.gap.scatter import SCATTER_DETECTORS, Proposal
 from hubodo.gap.screen.null_distribution import NullDistribution
 from hubodo.gap.screen.screening import ScreenedCandidate, screen_candidates
@@ -43,7 +53,7 @@ _MAX_UNNAMED_REFITS, _MIN_UNNAMED_SHARE, _MIN_UNNAMED_EVIDENCE = 2, 0.25, 3.0
 _MIN_UNNAMED_ADVANTAGE = (1.2, 2.0)
 # Gain in ln likelihood, tempered, that a hypothesis has to have for each of its coordinates, where residuals
 # are so correlated.
-_COORDINATE_PENALTY, _MIN_CORRELATED_TEMPERING = 10.0, 3.0
+_COORDINATE_PENALTY = 10.0
 # ln Bayes factor for independent samples, from which on an effect is added provisionally.
 _PROVISIONAL_EVIDENCE = 20.0
 # Fractions of a round's progress after screening, refits, and comparison under common weights.
@@ -146,15 +156,13 @@ def judge_round(
     all_refits = [*refits, *walk_refits.values(), *unnamed_refits]
     # The block scores of the best fit show by how much correlation inflates the gains.
     tempering = min(all_refits, key=lambda item: item.deviance).tempering if all_refits else 1.0
-    hypotheses = [
-        judge_effect(before, item, fit, tempering) for item, fit in zip(selected, refits, strict=True)
-    ]
+    baseline = Baseline(before, compute_model_gain(before), tempering)
+    hypotheses = [judge_effect(baseline, item, fit) for item, fit in zip(selected, refits, strict=True)]
     hypotheses += [
         judge_proposal(before, item, walk_refits.get(item.term.key), tempering) for item in proposals
     ]
     hypotheses += [
-        judge_unnamed_term(before, item, fit, tempering)
-        for item, fit in zip(unnamed, unnamed_refits, strict=True)
+        judge_unnamed_term(baseline, item, fit) for item, fit in zip(unnamed, unnamed_refits, strict=True)
     ]
     hypotheses = _object_to_substitutes(_drop_similar_unnamed(hypotheses, tempering))
     ordered, nothing = compute_posterior(hypotheses)
@@ -182,7 +190,7 @@ def _prefer_simple(ordered: tuple[Hypothesis, ...], tempering: float) -> tuple[H
     gains are equal, the one with the larger prior: a node with late samples rather than another with early
     ones. The two hypotheses exchange their probabilities.
     """
-    if not ordered or ordered[0].state is None or tempering < _MIN_CORRELATED_TEMPERING:
+    if not ordered or ordered[0].state is None or tempering < MIN_CORRELATED_TEMPERING:
         return ordered
 
     penalty = _COORDINATE_PENALTY * tempering
@@ -256,7 +264,7 @@ def _drop_similar_unnamed(hypotheses: Sequence[Hypothesis], tempering: float) ->
 
     On a road no model fits exactly, so the more flexible of two similar models always gains more.
     """
-    is_correlated = tempering > _MIN_CORRELATED_TEMPERING
+    is_correlated = tempering > MIN_CORRELATED_TEMPERING
     named = [
         one.gain
         for one in hypotheses

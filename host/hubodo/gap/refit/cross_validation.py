@@ -57,11 +57,13 @@ class HeldOutGain:
     total: sum over all folds
     sigma: 1 sigma of the total, from the scatter of the folds about a constant share of their own gains
     level_sigma: 1 sigma of the log-likelihood due to noise whose level differs from fold to fold
+    max_doubt: largest gain that is in doubt at any level
     """
 
     total: float
     sigma: float
     level_sigma: float
+    max_doubt: float = np.inf
 
     @property
     def z(self) -> float:

@@ -12,12 +12,17 @@ from hubodo.effects.empirical import PREFIX
 from hubodo.effects.plausibility import implausible_parameters
 from hubodo.gap.process_noise.residual import compute_gap
 from hubodo.gap.refit.cross_validation import compute_level_scatter, sum_folds
-from hubodo.gap.refit.refit import Refit, refit
+from hubodo.gap.refit.refit import Refit, compute_model_gain, refit
 from hubodo.gap.state.terms import ModelTerm, terms_of_model
 
 # Total loss in ln likelihood that pruning may cost, in sigma due to a noise level that varies along the
 # drive.
 _MAX_LOSS_LEVEL_SIGMAS = 0.3
+# Relative error of the change of the readings by the model's own effects, which flex, age and warm up: what
+# they leave looks like other effects and coordinates. Without it, uneven noise is no reason for doubt.
+MODEL_IMPRECISION = 0.05
+# Loss in ln likelihood, tempered, up to which a coordinate is due to chance: 3 sigma.
+_MAX_CHANCE_LOSS = 0.5 * 3.0**2
 # Largest ratio of the gap after pruning to that before it.
 _MAX_GAP_RATIO = 1.01
 
@@ -31,7 +36,9 @@ def prune_coordinates(fit: Refit) -> Refit:
     least (backward elimination).
     """
     candidates, at_limit = _list_candidates(fit, fit.free_terms)
-    budget = _max_loss(fit, fit.tempering) * _channel_doubts(fit)
+    if not candidates or fit.tempering <= 1.0:
+        return fit
+    budget = _max_losses(fit, fit.tempering, compute_model_gain(fit), _channel_doubts(fit))
     if not budget[candidates].any():
         return fit
     pruned, _loss = _eliminate(candidates, at_limit, fit.covariance, _relative_coordinates(fit), budget)
@@ -45,20 +52,26 @@ def prune_coordinates(fit: Refit) -> Refit:
     return fit
 
 
-def count_determined(fit: Refit, term: ModelTerm, tempering: float) -> tuple[int, float]:
+def count_determined(fit: Refit, term: ModelTerm, tempering: float, model_gain: float) -> tuple[int, float]:
     """Return the number of coordinates that pruning would leave of a free term, and its loss.
 
     tempering: factor by which correlated residuals exaggerate likelihoods
+    model_gain: gain of all effects of the fit, in ln likelihood
     """
     candidates, at_limit = _list_candidates(fit, [term])
-    budget = np.full(len(fit.covariance), _max_loss(fit, tempering))
+    budget = _max_losses(fit, tempering, model_gain, np.ones(len(fit.covariance)))
     pruned, loss = _eliminate(candidates, at_limit, fit.covariance, _relative_coordinates(fit), budget)
     return len(term.effect.coordinates()) - len(pruned), loss
 
 
-def _max_loss(fit: Refit, tempering: float) -> float:
-    """Return the largest loss in ln likelihood that pruning may cost."""
-    return 0.5 * _MAX_LOSS_LEVEL_SIGMAS * fit.fold_deviances.level_scatter * (1.0 - 1.0 / tempering)
+def _max_losses(fit: Refit, tempering: float, model_gain: float, level_shares: Array) -> Array:
+    """Return the largest losses in ln likelihood that pruning may cost up to each coordinate, (K,).
+
+    level_shares: (K,) shares of the coordinates in the doubt about the level of the noise
+    """
+    level = 0.5 * _MAX_LOSS_LEVEL_SIGMAS * fit.fold_deviances.level_scatter * level_shares
+    doubt = max(MODEL_IMPRECISION**2 * model_gain, _MAX_CHANCE_LOSS * tempering)
+    return np.asarray((1.0 - 1.0 / tempering) * np.minimum(level, doubt))
 
 
 def _channel_doubts(fit: Refit) -> Array:

@@ -137,6 +137,14 @@ def compute_gain(before: Refit, after: Refit) -> float:
     return 0.5 * (before.deviance - after.deviance)
 
 
+def compute_model_gain(fit: Refit) -> float:
+    """Return the gain of ln likelihood of all effects of a fit, with the same weights."""
+    if not fit.state.terms:
+        return 0.0
+    without = fit.evaluation.with_state(fit.state.reset_with_terms(()))
+    return compute_gain(refit(without, rounds=0), fit)
+
+
 def refit(evaluation: Evaluation, rounds: int = _MAX_ITERATIONS) -> Refit:
     """Fit all terms with `is_fitted`, starting with newly tracked wheels; the weights are not changed."""
     return fit_tracked(evaluation.with_state(track_wheel_phase(evaluation.state)[0]), rounds)

@@ -6,59 +6,62 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hubodo.arrays import Array
 from hubodo.effects import BY_NAME
-from hubodo.gap.problem.problem import MIN_LATTICE_STEP
 from hubodo.gap.process_noise.residual import Residual
 from hubodo.gap.scatter.base import Proposal, group_by_scope, parameter_cost
 from hubodo.gap.state.terms import ModelTerm
 
 EFFECT_NAME = "sample_repeat"
+# Sigma of a step between neighbours up to which the model is believed: its error is not Gaussian.
+_MAX_STEP_SIGMA = 6.0
+# Iterations of the share of repeats (expectation maximisation), and where it starts.
+_N_ITERATIONS, _INITIAL_SHARE = 30, 0.01
 
 
 def detect_repeats(residuals: Sequence[Residual]) -> list[Proposal]:
-    """Detect repeats by comparing their number with that expected from rounding (Poisson)."""
+    """Detect repeats by the probability that rounding makes each sample equal to its predecessor.
+
+    A standing wheel reads the same twice by chance; while it turns no two samples agree. A sample repeats
+    with probability p, or else agrees by chance with probability c_k. The likelihood ratio of N samples is
+    (1 - p)ᴺ ∏ (1 + p / ((1 - p) c_k)) over the samples k that agree.
+    """
     proposals = []
-    for scope, members in group_by_scope(
-        [residual for residual in residuals if BY_NAME[EFFECT_NAME] not in residual.effects]
-    ):
-        repeats = sum(int((~residual.noise.is_new).sum()) for residual in members)
-        total = sum(len(residual.node.t) for residual in members)
-        expected = max(sum(_expected_repeats(residual) for residual in members), 1e-3)
-        if repeats <= expected or any(not (~residual.noise.is_new).any() for residual in members):
+    chances = {
+        one.node.name: _chances_of_agreement(one)
+        for one in residuals
+        if BY_NAME[EFFECT_NAME] not in one.effects
+    }
+    for scope, members in group_by_scope([one for one in residuals if one.node.name in chances]):
+        agreeing = np.concatenate([chances[one.node.name] for one in members])
+        total = sum(len(one.node.t) for one in members)
+        share = _INITIAL_SHARE
+        for _ in range(_N_ITERATIONS):
+            share = float(np.sum(share / (share + (1.0 - share) * agreeing))) / total
+        if not 0.0 < share < 1.0:
             continue
-        gain = (
-            repeats * np.log(repeats / expected)
-            - (repeats - expected)
-            + sum(_stale_gain(residual) for residual in members)
-        )
-        share = repeats / total
+        gain = float(total * np.log1p(-share) + np.sum(np.log1p(share / (1.0 - share) / agreeing)))
         term = ModelTerm(BY_NAME[EFFECT_NAME](probability=share), scope)  # type: ignore[call-arg]
-        where = f"{repeats} of {total} samples equal their predecessor in every channel"
+        where = f"{len(agreeing)} of {total} samples equal their predecessor in every channel"
         sigma = float(np.sqrt(share * (1.0 - share) / total))
-        proposals.append(
-            Proposal(term, float(gain), float(gain) - parameter_cost(total), {"probability": sigma}, where)
-        )
+        proposals.append(Proposal(term, gain, gain - parameter_cost(total), {"probability": sigma}, where))
     return [proposal for proposal in proposals if proposal.gain > 3.0]
 
 
-def _expected_repeats(residual: Residual) -> float:
-    """Return the expected number of equal neighbours if they differ by noise alone."""
-    probability = np.ones(residual.node.y.shape[1])
+def _chances_of_agreement(residual: Residual) -> Array:
+    """Return for each sample that equals its predecessor the largest probability of that by chance, (R,).
+
+    Two Gaussian draws with means that differ by d fall into one bin of a lattice with probability
+    step / (2 √π σ) exp(-d² / (4 σ²)), and with less if the lattice is coarse.
+    """
+    is_new = residual.noise.is_new
+    at = np.flatnonzero(~is_new)
+    source = np.maximum.accumulate(np.where(is_new, np.arange(len(is_new)), 0))[at]
+    chances = np.ones(len(at))
     for row in np.flatnonzero(residual.node.used):
-        gaps = np.diff(np.unique(np.round(residual.node.y[row], 9)))
-        step = float(np.min(gaps[gaps > MIN_LATTICE_STEP], initial=np.inf))
-        if not np.isfinite(step):
-            continue
-        # Probability that two draws of Gaussian noise fall into one bin of the lattice.
-        probability *= np.minimum(1.0, step / (2.0 * np.sqrt(np.pi) * residual.noise.channel_sigma(row)))
-    return float(probability.sum())
-
-
-def _stale_gain(residual: Residual) -> float:
-    """Return the gain of comparing each repeat with the prediction for the sample that it repeats."""
-    repeats = np.flatnonzero(~residual.noise.is_new)
-    source = np.maximum.accumulate(np.where(residual.noise.is_new, np.arange(len(residual.noise.is_new)), 0))[
-        repeats
-    ]
-    z = np.clip(residual.value / residual.noise.sigma, -6.0, 6.0)[residual.node.used]
-    return 0.5 * float(np.sum(z[:, repeats] ** 2 - z[:, source] ** 2))
+        step, sigma = float(residual.node.lattice_steps[row]), residual.noise.channel_sigma(row)[at]
+        if np.isfinite(step):
+            change = np.abs(residual.predicted[row, at] - residual.predicted[row, source]) / sigma
+            same_bin = step / (2.0 * np.sqrt(np.pi) * sigma)
+            chances *= np.minimum(same_bin * np.exp(-0.25 * np.minimum(change, _MAX_STEP_SIGMA) ** 2), 1.0)
+    return np.asarray(chances)
