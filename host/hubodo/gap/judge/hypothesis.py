@@ -44,9 +44,9 @@ _DOUBTFUL_CORRELATION = "gains no more than the correlation of the residuals lea
 
 @dataclass(frozen=True)
 class Baseline:
-    """What the hypotheses of a round are compared with.
+    """A fit that the hypotheses of a round extend.
 
-    fit: fit without any of them
+    fit: without any of the hypotheses
     model_gain: gain of the effects of that fit, in ln likelihood
     tempering: factor by which correlated residuals exaggerate gains
     """
