@@ -37,7 +37,8 @@ from hubodo.gap.problem.build import build_problem  # noqa: E402
 from hubodo.gap.refit.refit import refit_with_weights  # noqa: E402
 from hubodo.gap.state.terms import ModelTerm  # noqa: E402
 from hubodo.gap.workflow import find_gap  # noqa: E402
-from hubodo.model.model_file import Model, read_model, write_model  # noqa: E402
+from hubodo.model.model_file import Model, read_model  # noqa: E402
+from hubodo.model.model_text import write_model  # noqa: E402
 from hubodo.recording import Recording  # noqa: E402
 
 DRIVES = ("drive-1", "drive-2")

@@ -7,7 +7,7 @@ from pathlib import Path
 from hubodo.api.arguments import StrPath
 from hubodo.calibration import file as calibration_file
 from hubodo.calibration.file import Calibration
-from hubodo.model import model_file
+from hubodo.model import model_file, model_text
 from hubodo.model.model_file import Model
 from hubodo.vehicle import Vehicle
 from hubodo.vehicle import load_vehicle as load_vehicle_file
@@ -82,7 +82,7 @@ def write_model(model: Model, path: StrPath) -> None:
     OSError
         If the file cannot be written.
     """
-    model_file.write_model(model, Path(path))
+    model_text.write_model(model, Path(path))
 
 
 def read_calibration(path: StrPath) -> Calibration:

@@ -15,7 +15,8 @@ from hubodo.emulator.node_motion import NodeMotion, SensorDisturbance
 from hubodo.log.recording_reader import read_recording
 from hubodo.model import experiments
 from hubodo.model.experiments import Experiment
-from hubodo.model.model_file import Model, model_toml
+from hubodo.model.model_file import Model
+from hubodo.model.model_text import model_toml
 from hubodo.recording import Recording, Table
 from hubowire.messages import NODE_IDS
 

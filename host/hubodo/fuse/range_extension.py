@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
-from hubodo.fuse.wheel.filter import BEYOND_RANGE
+from hubodo.fuse.wheel.samples import BEYOND_RANGE
 from hubodo.recording import Table
 
 MAX_DELAY = 0.3

@@ -15,7 +15,8 @@ from hubodo.model.bench import PoseSequence, TurntableProgramme
 from hubodo.model.drive import integrate_path, loop_drive, random_drive
 from hubodo.model.forward import CarriedMotion, NodeInitialState, NodeModel
 from hubodo.model.inputs import EarthRotation, MotionInputs, Trace
-from hubodo.model.model_file import Model, model_toml
+from hubodo.model.model_file import Model
+from hubodo.model.model_text import model_toml
 from hubodo.recording import Recording, Table
 from hubodo.smoothing_spline import constant_spline
 from hubodo.vehicle import NodeMount

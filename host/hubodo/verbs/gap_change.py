@@ -20,7 +20,8 @@ from hubodo.gap.problem.assumed import assume_model
 from hubodo.gap.state.terms import ALL, VEHICLE
 from hubodo.log.any_log import read_log
 from hubodo.log.roles import NODES_ROLE
-from hubodo.model.model_file import model_toml, read_model
+from hubodo.model.model_file import read_model
+from hubodo.model.model_text import model_toml
 from hubodo.pages.console import print_text
 from hubodo.progress import progress_line
 from hubodo.safe_text import json_text

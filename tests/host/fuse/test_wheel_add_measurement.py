@@ -18,7 +18,8 @@ TESTS_OF_ROWS = (
 RUNS = """
 import json
 import numpy as np
-from hubodo.fuse.wheel.filter import WheelFilter, WheelSample
+from hubodo.fuse.wheel.filter import WheelFilter
+from hubodo.fuse.wheel.samples import WheelSample
 from hubodo.fuse.wheel.measurements import MEASUREMENTS
 from hubodo.fuse.wheel.motion_state import MotionState
 from wheel_runs import config, short_loop

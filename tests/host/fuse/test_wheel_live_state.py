@@ -25,9 +25,11 @@ from hubodo.fuse.wheel.entries import (
     WHEEL_RADIUS,
     YAW_RATE_FROM_GRAVITY,
 )
-from hubodo.fuse.wheel.filter import WheelFilter, WheelSample, _SampleRates
+from hubodo.fuse.wheel.filter import WheelFilter
+from hubodo.fuse.wheel.live_state import SampleRates, rates_from_sample
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.records import Pose
+from hubodo.fuse.wheel.samples import WheelSample
 
 R, TRACK, EARTH, LIMIT = 0.3, 0.6, 3e-3, 34.0
 SPEED, YAW_RATE, LEAN, ANGLE = 1.7, 0.8, 0.15, 1.1
@@ -59,7 +61,7 @@ def filter_with_pose(
     """Return a filter with a pose at 5 s whose wheels have the known errors ERRORS."""
     nodes = {side: WheelNode(side, facing, gyro_limit=LIMIT) for side in sides}  # type: ignore[arg-type]
     wheel_filter = WheelFilter(WheelConfig(R, TRACK, nodes, ground_rate=EARTH))
-    wheel_filter._pose = pose_with(motion_state)
+    wheel_filter._live.start(pose_with(motion_state))
     for wheel in wheel_filter.core.wheels:
         wheel.angle_initialised = True
         wheel_filter.core.x[wheel.columns[WHEEL_ANGLE]] = ANGLE
@@ -97,14 +99,10 @@ def simulate_sample(
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_rates_from_a_sample_are_corrected_for_the_errors_of_its_node(side: str, facing: str) -> None:
     wheel_filter = filter_with_pose(side, facing=facing)
-    wheel_filter._last_samples[side] = simulate_sample(wheel_filter, side)
-    t, speed, yaw_rate = wheel_filter._rates_from_sample(wheel_filter.core.wheels[0], wheel_filter._pose)
+    sample, core = simulate_sample(wheel_filter, side), wheel_filter.core
+    rates = rates_from_sample(core.x, core.wheels[0], sample, 5.0)
     # The tilt is corrected to first order.
-    assert (t, speed, yaw_rate) == (
-        5.0 + SAMPLE_DELAY,
-        pytest.approx(SPEED, abs=1e-4),
-        pytest.approx(YAW_RATE, abs=1e-4),
-    )
+    assert rates == pytest.approx((5.0 + SAMPLE_DELAY, SPEED, YAW_RATE), abs=1e-4)
 
 
 @pytest.mark.parametrize("facing", ["left", "right"])
@@ -115,20 +113,18 @@ def test_beyond_its_limit_a_gyro_is_corrected_by_the_excess_rate_alone(facing: s
         x[wheel.columns[entry]] = 0.0
     x[wheel.columns[GYRO_BIAS_Z]], x[wheel.columns[RATE_BEYOND_RANGE]] = 0.5, 12.0
     limit_reading = LIMIT if facing == "left" else -LIMIT
-    wheel_filter._last_samples["left"] = WheelSample("left", 5.0, (0.0, 0.0, limit_reading), (0.0, 0.0, 0.0))
-    _, speed, yaw_rate = wheel_filter._rates_from_sample(wheel, wheel_filter._pose)
+    sample = WheelSample("left", 5.0, (0.0, 0.0, limit_reading), (0.0, 0.0, 0.0))
+    _, speed, yaw_rate = rates_from_sample(x, wheel, sample, 5.0)
     assert speed - yaw_rate * 0.5 * TRACK == pytest.approx(R * (LIMIT + 12.0))
     # Just below the limit, bias and scale are corrected and no excess rate is added.
-    wheel_filter._last_samples["left"] = WheelSample(
-        "left", 5.0, (0.0, 0.0, 0.999 * limit_reading), (0.0, 0.0, 0.0)
-    )
-    _, speed, yaw_rate = wheel_filter._rates_from_sample(wheel, wheel_filter._pose)
+    sample = WheelSample("left", 5.0, (0.0, 0.0, 0.999 * limit_reading), (0.0, 0.0, 0.0))
+    _, speed, yaw_rate = rates_from_sample(x, wheel, sample, 5.0)
     assert speed - yaw_rate * 0.5 * TRACK == pytest.approx(R * (0.999 * LIMIT - 0.5))
 
 
 def state_from_rates(wheel_filter: WheelFilter, **rates_by_side: tuple[float, float, float]) -> Any:
     """Return the live state for (time, speed, yaw rate) of the newest sample of each side."""
-    wheel_filter._sample_rates.update({side: _SampleRates(*rates) for side, rates in rates_by_side.items()})
+    wheel_filter._live._rates.update({side: SampleRates(*rates) for side, rates in rates_by_side.items()})
     return wheel_filter.state()
 
 
@@ -167,7 +163,7 @@ def test_at_standstill_only_the_time_of_the_state_advances(motion_state: MotionS
 def test_only_wheels_with_a_known_angle_contribute_rates() -> None:
     wheel_filter = filter_with_pose("left", "right")
     for side in ("left", "right"):
-        wheel_filter._last_samples[side] = simulate_sample(wheel_filter, side)
+        wheel_filter._live.add(simulate_sample(wheel_filter, side))
     wheel_filter.core.wheels[1].angle_initialised = False
-    assert wheel_filter.state() is not None and set(wheel_filter._sample_rates) == {"left"}
+    assert wheel_filter.state() is not None and set(wheel_filter._live._rates) == {"left"}
     assert WheelFilter(wheel_filter.config).state() is None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hubodo.fuse.wheel.measurement_update import _usage_by_mode
+from hubodo.fuse.wheel.measurement_usage import usage_by_mode
 from hubodo.fuse.wheel.measurements import (
     MEASUREMENTS,
     Measurement,
@@ -57,6 +57,6 @@ def test_mode_for_every_combination_of_inputs(
 )
 def test_each_mode_uses_its_measurements(mode: WheelMode, used: set[object]) -> None:
     listed: tuple[Measurement, ...] = (yaw, roll, forward, sideways, rolling)
-    usage = dict(zip(MEASUREMENTS, _usage_by_mode(MEASUREMENTS)[mode], strict=True))
+    usage = dict(zip(MEASUREMENTS, usage_by_mode(MEASUREMENTS)[mode], strict=True))
     assert {measurement for measurement in listed if usage[measurement]} == used
     assert mode.knows_angle == (yaw in used)

@@ -23,10 +23,10 @@ from hubodo.fuse.wheel.entries import (
     WHEEL_ANGLE,
     YAW_RATE,
 )
+from hubodo.fuse.wheel.free_motion import free_motion_variances, vehicle_motion_sigmas
 from hubodo.fuse.wheel.measurements import WindowNoise
 from hubodo.fuse.wheel.motion_prediction import MotionPrediction, detect_wheel_motion, vehicle_motion
 from hubodo.fuse.wheel.motion_state import MotionState
-from hubodo.fuse.wheel.outage_model import free_motion_variances, vehicle_motion_sigmas
 from hubodo.fuse.wheel.state_vector import InitialState
 from hubodo.fuse.wheel.wheel import WheelMode
 from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, Window

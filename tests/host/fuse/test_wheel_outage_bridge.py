@@ -11,8 +11,8 @@ from generators.outages import drive_with_outage
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.entries import HEADING, SPEED, WHEEL_ANGLE, YAW_RATE, X, Y
 from hubodo.fuse.wheel.filter import WheelFilter
+from hubodo.fuse.wheel.free_motion import MotionSigmas
 from hubodo.fuse.wheel.outage_bridge import BridgedState, OutageBridge, OutageEnd
-from hubodo.fuse.wheel.outage_model import MotionSigmas
 from hubodo.fuse.wheel.state_vector import InitialState, initial_state
 from hubodo.fuse.wheel.track import run_wheel_filter
 from wheel_runs import BOTH, config, pose_error, sample_columns, samples_in_time_order, tables

@@ -11,14 +11,14 @@ from scipy.stats import chi2
 from generators.outages import MEANWHILE, drive_with_outage, driven_during_outage, paused_drive
 from hubodo.fuse.wheel.entries import HEADING, RATE_BEYOND_RANGE, SPEED, WHEEL_ANGLE, YAW_RATE, X, Y
 from hubodo.fuse.wheel.filter import WheelFilter
-from hubodo.fuse.wheel.motion_model import HeadingErrorInflation
-from hubodo.fuse.wheel.outage_model import (
+from hubodo.fuse.wheel.free_motion import (
     UNIFORM_ANGLE_SIGMA,
-    OutageModel,
     free_motion_variances,
     predict_free_motion,
     vehicle_motion_sigmas,
 )
+from hubodo.fuse.wheel.motion_model import HeadingErrorInflation
+from hubodo.fuse.wheel.outage_model import OutageModel
 from hubodo.fuse.wheel.state_vector import initial_state
 from hubodo.fuse.wheel.track import run_wheel_filter, track_from_poses
 from repetitions import first_and_more

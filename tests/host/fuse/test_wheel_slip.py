@@ -10,7 +10,8 @@ from accuracy import slip
 from accuracy.slip import CASES, careless_outcome, count_real_alarms, make_drive, outcome
 from generators import mixed_drives
 from hubodo.fuse.wheel.config import wheel_config
-from hubodo.fuse.wheel.filter import WheelFilter, WheelSample
+from hubodo.fuse.wheel.filter import WheelFilter
+from hubodo.fuse.wheel.samples import WheelSample
 from hubodo.fuse.wheel.slip_detector import ForwardResidual, SlipDetector
 from hubodo.fuse.wheel.state_vector import initial_state
 from hubodo.fuse.wheel.track import run_wheel_filter, track_from_poses

@@ -13,15 +13,8 @@ from hubodo.effects.gyro import GyroBias, GyroSaturation
 from hubodo.effects.vehicle import TrackWidth
 from hubodo.effects.wheel import WheelRadius
 from hubodo.errors import ConfigError
-from hubodo.model.model_file import (
-    InputSources,
-    Model,
-    ScopedEffect,
-    model_toml,
-    read_model,
-    split_input,
-    write_model,
-)
+from hubodo.model.model_file import InputSources, Model, ScopedEffect, read_model, split_input
+from hubodo.model.model_text import model_toml, write_model
 from hubodo.vehicle import RADIUS_SOURCES, NodeMount, Vehicle, load_vehicle
 
 TEXT = """

@@ -7,40 +7,18 @@ bit-identical poses. No clock, file or thread.
 
 from __future__ import annotations
 
-import cmath
-import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
-from hubodo.arrays import Array
-from hubodo.fuse.wheel.axle_rate import correct_axle_rate
 from hubodo.fuse.wheel.config import WheelConfig
-from hubodo.fuse.wheel.entries import (
-    CAMBER,
-    GYRO_BIAS_X,
-    GYRO_BIAS_Y,
-    GYRO_BIAS_Z,
-    GYRO_SCALE_ACROSS,
-    GYRO_SCALE_Z,
-    MISALIGNMENT_X,
-    MISALIGNMENT_Y,
-    RATE_BEYOND_RANGE,
-    TRACK_WIDTH,
-    WHEEL_ANGLE,
-    WHEEL_RADIUS,
-    YAW_RATE_FROM_GRAVITY,
-)
 from hubodo.fuse.wheel.filter_core import FilterCore
-from hubodo.fuse.wheel.motion_state import MotionState
+from hubodo.fuse.wheel.live_state import LiveExtrapolation, WheelState
 from hubodo.fuse.wheel.preintegration import WindowBuilder
 from hubodo.fuse.wheel.records import Pose, SmoothingTerms, StepInput
+from hubodo.fuse.wheel.samples import SampleBlock, WheelSample
 from hubodo.fuse.wheel.surface_speeds import SurfaceSpeeds
-from hubodo.fuse.wheel.wheel import Wheel
 from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOWS_PER_SECOND, Window
-from hubodo.recording import Table
-from hubodo.vehicle import facing_sign
 
 ALIGNMENT_WINDOWS = WINDOWS_PER_SECOND
 """Windows from which wheel angles are initialised before the first pose: no vehicle brakes or turns all the
@@ -64,33 +42,6 @@ _MAX_SPEED_OUTAGE_WINDOWS = 5
 
 
 @dataclass(frozen=True, slots=True)
-class WheelSample:
-    """One sample of a node. t: s on the log's clock; gyro: rad/s, accel: m/s², node axes, finite.
-
-    beyond_range: 1.0 where a second accelerometer replaced saturated values, else 0.0.
-    """
-
-    node: str
-    t: float
-    gyro: tuple[float, float, float]
-    accel: tuple[float, float, float]
-    beyond_range: float = 0.0
-
-
-BEYOND_RANGE = "beyond_range"
-"""Column of a node's table with `WheelSample.beyond_range`; missing if it is always 0."""
-
-SampleBlock = tuple[Array, Array, Array] | tuple[Array, Array, Array, Array]
-"""Samples of a node: t (N,) s, gyro (N, 3) rad/s, accel (N, 3) m/s², and optionally `BEYOND_RANGE` (N,)."""
-
-
-def sample_block(table: Table) -> SampleBlock:
-    """Return the samples of a node's table for `WheelFilter.handle_many`."""
-    samples = table.t, table.gyro, table.accel
-    return (*samples, table[BEYOND_RANGE]) if BEYOND_RANGE in table else samples
-
-
-@dataclass(frozen=True, slots=True)
 class FilterOutput:
     """Result of processing samples.
 
@@ -102,37 +53,6 @@ class FilterOutput:
 
     poses: tuple[Pose, ...] = ()
     n_rejected: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class WheelState:
-    """State of the vehicle at the time of the last sample, extrapolated from the last pose.
-
-    Attributes
-    ----------
-    t : s.
-    x, y, heading : m, m, rad; the heading is unwrapped.
-    speed, yaw_rate : m/s, rad/s.
-    covariance : (5, 5) of x, y, heading, speed, yaw_rate at the last pose.
-    motion_state : moving, rocking or standstill.
-    """
-
-    t: float
-    x: float
-    y: float
-    heading: float
-    speed: float
-    yaw_rate: float
-    covariance: Array
-    motion_state: MotionState
-
-
-class _SampleRates(NamedTuple):
-    """Time, s, speed, m/s, and yaw rate, rad/s, from the last sample of a wheel."""
-
-    t: float
-    speed: float
-    yaw_rate: float
 
 
 class WheelFilter:
@@ -159,9 +79,7 @@ class WheelFilter:
         self._unaligned: list[StepInput] = []
         self._due: deque[StepInput] = deque()
         self._is_aligned = False
-        self._last_samples: dict[str, WheelSample] = {}
-        self._sample_rates: dict[str, _SampleRates] = {}
-        self._pose: Pose | None = None
+        self._live = LiveExtrapolation()
 
     def record_for_smoothing(self) -> None:
         """Record all steps, and their smoothing terms as long as a second pass would repeat them."""
@@ -177,8 +95,7 @@ class WheelFilter:
         windows = builder.add(sample.t, sample.gyro, sample.accel, sample.beyond_range)
         n_rejected = builder.n_rejected - n_rejected_before
         if builder.newest_t == sample.t:
-            self._last_samples[sample.node] = sample
-            self._sample_rates.pop(sample.node, None)
+            self._live.add(sample)
         if windows:
             self._queues[sample.node].extend(windows)
             self._collect_steps(_MAX_NODE_DELAY_WINDOWS)
@@ -214,61 +131,21 @@ class WheelFilter:
 
     def state(self) -> WheelState | None:
         """Return the state at the newest sample; None before the first pose."""
-        pose = self._pose
-        if pose is None:
-            return None
-        for wheel in self.core.wheels:
-            is_new = wheel.name in self._last_samples and wheel.name not in self._sample_rates
-            if wheel.angle_initialised and is_new:
-                self._sample_rates[wheel.name] = self._rates_from_sample(wheel, pose)
-        rates = [it for it in self._sample_rates.values() if it.t >= pose.t]
-        t = max([pose.t, *(it.t for it in rates)])
-        if not rates or pose.motion_state is not MotionState.MOVING:
-            return WheelState(t, *pose[1:4], pose.speed, pose.yaw_rate, pose.covariance, pose.motion_state)
-        speed = sum(it.speed for it in rates) / len(rates)
-        yaw_rate = sum(it.yaw_rate for it in rates) / len(rates)
-        dt = t - pose.t
-        turn = 0.5 * (yaw_rate + pose.yaw_rate) * dt
-        distance = 0.5 * (speed + pose.speed) * dt
-        course = pose.heading + 0.5 * turn
-        x, y = pose.x + distance * math.cos(course), pose.y + distance * math.sin(course)
-        return WheelState(t, x, y, pose.heading + turn, speed, yaw_rate, pose.covariance, pose.motion_state)
+        return self._live.state(self.core)
 
     def set_pose_exact(self) -> None:
         """Declare position and heading of the newest pose exact; their covariance grows from here on."""
         self.core.set_pose_exact()
-        if self._pose is not None:
-            covariance = self._pose.covariance.copy()
+        pose = self._live.pose
+        if pose is not None:
+            covariance = pose.covariance.copy()
             covariance[:3, :] = covariance[:, :3] = 0.0
-            self._pose = self._pose._replace(covariance=covariance)
+            self._live.pose = pose._replace(covariance=covariance)
 
     @property
     def rejected_samples(self) -> dict[str, int]:
         """Return the number of samples left out, by node."""
         return {name: builder.n_rejected for name, builder in self._builders.items()}
-
-    def _rates_from_sample(self, wheel: Wheel, pose: Pose) -> _SampleRates:
-        """Return speed and yaw rate from the last sample of a wheel, by `yaw.py` and `rolling.py`."""
-        sample, x, columns = self._last_samples[wheel.name], self.core.x, wheel.columns
-        sign = facing_sign(wheel.node.facing)
-        measured = sign * sample.gyro[2]
-        is_saturated = abs(measured) >= wheel.node.gyro_limit
-        beyond = x[columns[RATE_BEYOND_RANGE]] if is_saturated else 0.0
-        axle_rate = correct_axle_rate(
-            measured, is_saturated, x[columns[GYRO_SCALE_Z]], x[columns[GYRO_BIAS_Z]], beyond
-        ).rate
-        camber = x[columns[CAMBER]]
-        across = complex(sample.gyro[0], sign * sample.gyro[1])
-        across -= complex(x[columns[GYRO_BIAS_X]], x[columns[GYRO_BIAS_Y]])
-        across -= complex(-x[columns[MISALIGNMENT_Y]], x[columns[MISALIGNMENT_X]]) * axle_rate
-        angle = x[columns[WHEEL_ANGLE]] + axle_rate * (sample.t - pose.t)
-        upright = (across * cmath.exp(1j * angle)).real - x[columns[YAW_RATE_FROM_GRAVITY]]
-        yaw_rate = upright / ((1.0 + x[columns[GYRO_SCALE_ACROSS]]) * math.cos(camber))
-        yaw_rate -= wheel.geometry.ground_rate
-        rolling_rate = axle_rate - wheel.geometry.side * yaw_rate * math.sin(camber)
-        speed = wheel.geometry.radius * (1.0 + x[columns[WHEEL_RADIUS]]) * rolling_rate
-        contact_y = wheel.geometry.contact_y * (1.0 + x[columns[TRACK_WIDTH]])
-        return _SampleRates(sample.t, speed + yaw_rate * contact_y, yaw_rate)
 
     def _collect_steps(self, max_delay: int) -> None:
         """Combine the windows of all nodes into steps; a node may lag by `max_delay` windows."""
@@ -335,8 +212,7 @@ class WheelFilter:
                 if not self.core.is_single_pass:
                     self.smoothing_terms = self.core.changes = None
         if poses:
-            self._pose = poses[-1]
-            self._sample_rates.clear()
+            self._live.start(poses[-1])
         return tuple(poses)
 
 

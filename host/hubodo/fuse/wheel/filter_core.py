@@ -13,6 +13,7 @@ from hubodo.arrays import Array
 from hubodo.fuse.wheel.axle_rate import remove_tilt_rate
 from hubodo.fuse.wheel.config import GATE_SIGMA, WheelConfig
 from hubodo.fuse.wheel.entries import HEADING, RATE_BEYOND_RANGE, SPEED, WHEEL_ANGLE, X, Y
+from hubodo.fuse.wheel.free_motion import MotionSigmas, vehicle_motion_sigmas
 from hubodo.fuse.wheel.measurement_update import UpdateResult
 from hubodo.fuse.wheel.measurements import surface_speed
 from hubodo.fuse.wheel.motion_model import HeadingErrorInflation
@@ -22,7 +23,7 @@ from hubodo.fuse.wheel.mounting_check import MountingCheck
 from hubodo.fuse.wheel.mounting_monitor import check_mounting
 from hubodo.fuse.wheel.outage_bridge import OutageBridge, OutageEnd
 from hubodo.fuse.wheel.outage_log import OutageLog
-from hubodo.fuse.wheel.outage_model import MotionSigmas, OutageModel, vehicle_motion_sigmas
+from hubodo.fuse.wheel.outage_model import OutageModel
 from hubodo.fuse.wheel.outage_recovery import OutageRecovery
 from hubodo.fuse.wheel.rate_beyond_range import derotate_window
 from hubodo.fuse.wheel.records import (

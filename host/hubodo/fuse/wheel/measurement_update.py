@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from operator import add
 from typing import NamedTuple
 
@@ -28,10 +27,8 @@ from hubodo.fuse.wheel.entries import (
     StateLayout,
 )
 from hubodo.fuse.wheel.measurement_rows import MeasurementRows
+from hubodo.fuse.wheel.measurement_usage import MeasurementUsage
 from hubodo.fuse.wheel.measurements import (
-    BETWEEN_WHEELS,
-    VALID_WHEN_ROLLING,
-    Measurement,
     WindowNoise,
     forward,
     roll,
@@ -42,7 +39,7 @@ from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.records import MeasurementTerms, WheelWindows
 from hubodo.fuse.wheel.slip_detector import ForwardResidual
 from hubodo.fuse.wheel.wheel import Wheel, WheelMode
-from hubodo.fuse.wheel.window import WINDOW_S, Window
+from hubodo.fuse.wheel.window import WINDOW_S
 
 _GAP_VARIANCE_FACTOR = 1e4
 """Variance factor of a window that is all gap, beyond any information of a row. Estimated."""
@@ -95,7 +92,7 @@ class MeasurementUpdate:
         self._rows = MeasurementRows(columns)
         self._noise = WindowNoise(config.noise, config.radius)
         self._measures = [measurement.measure for measurement in self._rows.measurements]
-        self._usage = _usage_by_mode(self._rows.measurements)
+        self._usage = MeasurementUsage(self._rows)
         self._yaw = self._rows.measurements.index(yaw)
         wheels = range(len(columns.wheels))
         self._rolling_block, self._turning_block = (
@@ -204,12 +201,12 @@ class MeasurementUpdate:
                 share = 1.0 + _GAP_VARIANCE_FACTOR * window.missing
                 variances = [variance * share for variance in variances]
             values += variances
-            is_clear.append(wheel.angle_initialised and window.missing == 0.0 and not _clipped(window))
+            is_clear.append(wheel.angle_initialised and window.missing == 0.0 and not window.any_clipped)
             rolling_rates.append(view.rolling_rate)
             yaw_rates.append(view.yaw_rate + residuals[self._yaw] / WINDOW_S / view.camber_cos)
             mode = wheel.mode(window)
             if mode is not WheelMode.ROLLING or not is_clear[index]:
-                silent += self._silent_rows(index, mode, window)
+                silent += self._usage.unused_rows(index, mode, window)
         return values, rolling_rates, yaw_rates, is_clear, silent
 
     def _clear_unobservable(
@@ -260,28 +257,6 @@ class MeasurementUpdate:
         gain = wheel.geometry.radius * wheel.view.axle_rate_change
         return ForwardResidual(z.item(row), r.item(row), gain, common, x[self._slope], x[self._yaw_rate])
 
-    def _silent_rows(self, index: int, mode: WheelMode, window: Window) -> list[int]:
-        """Return the rows of a wheel that are not used in this window."""
-        return [
-            self._rows.row_of(measurement, index)
-            for measurement, is_used in zip(self._rows.measurements, self._usage[mode], strict=True)
-            if not is_used or not measurement.is_usable(window)
-        ]
-
-
-def _usage_by_mode(every: Sequence[Measurement]) -> dict[WheelMode, tuple[bool, ...]]:
-    """Return the measurements that each mode of a wheel allows; rolling does not need the wheel angle."""
-    nothing = (False,) * len(every)
-    return {
-        WheelMode.ROLLING: (True,) * len(every),
-        WheelMode.DISTRUSTED_SPEED: tuple(it not in BETWEEN_WHEELS for it in every),
-        WheelMode.SLIPPING: tuple(it not in VALID_WHEN_ROLLING for it in every),
-        WheelMode.UNKNOWN_ANGLE: tuple(it in BETWEEN_WHEELS for it in every),
-        WheelMode.LOST: nothing,
-        WheelMode.OUTAGE: nothing,
-        WheelMode.DISABLED: nothing,
-    }
-
 
 class _States(NamedTuple):
     """Columns, values and covariance block of a subset of the states."""
@@ -310,10 +285,6 @@ def _restore_states(x: list[float], p: Array, states: _States | None) -> None:
     for column, value in zip(states.columns, states.values, strict=True):
         x[column] = value
     p[np.ix_(states.columns, states.columns)] = states.block
-
-
-def _clipped(window: Window) -> bool:
-    return window.spin_clipped + window.across_clipped + window.force_clipped + window.axial_clipped > 0.0
 
 
 def _whitening(s: Array) -> Array:

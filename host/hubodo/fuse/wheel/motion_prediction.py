@@ -21,16 +21,16 @@ from hubodo.fuse.wheel.entries import (
     YAW_RATE,
     StateLayout,
 )
+from hubodo.fuse.wheel.free_motion import HARD_ACCELERATION, free_motion_variances, vehicle_motion_sigmas
 from hubodo.fuse.wheel.measurements import WindowNoise, forward, zero_velocity
 from hubodo.fuse.wheel.motion_state import MotionState
-from hubodo.fuse.wheel.outage_model import HARD_ACCELERATION, free_motion_variances, vehicle_motion_sigmas
 from hubodo.fuse.wheel.records import WheelWindows
 from hubodo.fuse.wheel.wheel import MAX_MISSING_SHARE, reset_state
 from hubodo.fuse.wheel.window import WINDOW_S
 
 _SPEED_STEP_SIGMA, _YAW_RATE_STEP_SIGMA = 0.5, 0.5
 """m/s and rad/s, process noise of measured speed and yaw rate per window, so large that the measurements
-decide. Unmeasured ones follow `outage_model.py`. Estimated."""
+decide. Unmeasured ones follow `free_motion.py`. Estimated."""
 
 _MAX_VEHICLE_ACCELERATION = 5.0
 """m/s², half of gravity: the limit of a good tyre on a dry road."""

@@ -6,7 +6,7 @@ The contact of wheel i rolled
 
 with radius R, its error e, angles θ before and θ' after the outage, an unknown number of turns n, path s and
 change of heading ψ of the vehicle, and lateral position y of the contact. In between, speed and yaw rate are
-the Ornstein-Uhlenbeck processes of `outage_model.py` given both of their ends, and finally their integrals s
+the Ornstein-Uhlenbeck processes of `free_motion.py` given both of their ends, and finally their integrals s
 and ψ (Gaussian process regression). The numbers of turns with the most likely s and ψ are used; the others
 add the squares of their distance to the covariance, by their probability.
 """
@@ -32,7 +32,7 @@ from hubodo.fuse.wheel.entries import (
     X,
     Y,
 )
-from hubodo.fuse.wheel.outage_model import MotionSigmas, RateProcess, speed_process, yaw_rate_process
+from hubodo.fuse.wheel.free_motion import MotionSigmas, RateProcess, speed_process, yaw_rate_process
 from hubodo.fuse.wheel.wheel import Wheel
 
 MAX_BRIDGED_OUTAGE_S = 6.0

@@ -9,10 +9,10 @@ from typing import NamedTuple
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.axle_rate import mean_axle_rate
 from hubodo.fuse.wheel.entries import GYRO_SCALE_ACROSS, WHEEL_ANGLE
+from hubodo.fuse.wheel.free_motion import MotionSigmas
 from hubodo.fuse.wheel.motion_model import HeadingErrorInflation
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.outage_bridge import MAX_BRIDGED_OUTAGE_S, OutageEnd
-from hubodo.fuse.wheel.outage_model import MotionSigmas
 from hubodo.fuse.wheel.records import WheelWindows
 from hubodo.fuse.wheel.wheel import Wheel, WheelMode
 from hubodo.fuse.wheel.window import WINDOW_S, WINDOWS_PER_SECOND, Window

@@ -20,8 +20,8 @@ from hubodo.fuse.wheel.entries import (
     X,
     Y,
 )
+from hubodo.fuse.wheel.free_motion import HARD_ACCELERATION
 from hubodo.fuse.wheel.measurements.steady import GRAVITY_SPEED_SIGMA, ONE_AXIS_SPEED_SIGMA
-from hubodo.fuse.wheel.outage_model import HARD_ACCELERATION
 from hubodo.fuse.wheel.spin_search import rederotate_window
 from hubodo.fuse.wheel.wheel import MAX_ANGLE_ERROR, Wheel, reset_state
 from hubodo.fuse.wheel.window import BUMP_WINDOWS, WINDOW_S, Window

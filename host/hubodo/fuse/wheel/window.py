@@ -120,6 +120,11 @@ class Window(NamedTuple):
         return Window(self[0], spin, *self[2:])
 
     @property
+    def any_clipped(self) -> bool:
+        """Return True if any sensor was saturated for a part of the window."""
+        return self.spin_clipped + self.across_clipped + self.force_clipped + self.axial_clipped > 0.0
+
+    @property
     def all_clipped(self) -> bool:
         """Return True if gz was saturated all the time, so that its scale and bias are not observable."""
         return self.spin_clipped > _FULL_SHARE

@@ -11,7 +11,7 @@ from hubodo.errors import InputError
 from hubodo.gap.explain.page import gap_page
 from hubodo.gap.explain.summary import describe_verdict, list_model_comments
 from hubodo.gap.explain.terminal import GAP_FILES
-from hubodo.model.model_file import model_toml
+from hubodo.model.model_text import model_toml
 from hubodo.safe_text import json_text
 
 if TYPE_CHECKING:

@@ -32,7 +32,8 @@ from hubodo.gap.screen.screening import ScreenedCandidate
 from hubodo.gap.state.state import State
 from hubodo.gap.state.terms import ModelTerm
 from hubodo.model.forward import NodeInitialState
-from hubodo.model.model_file import Model, model_toml
+from hubodo.model.model_file import Model
+from hubodo.model.model_text import model_toml
 from hubodo.recording import Recording
 
 _JOURNAL_VERSION = 2

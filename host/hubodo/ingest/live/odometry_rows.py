@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.arrays import Array
-from hubodo.fuse.wheel.filter import WheelState
+from hubodo.fuse.wheel.live_state import WheelState
 from hubodo.log.records import Odometry, Sink, Transform
 
 

@@ -42,10 +42,11 @@ from hubodo.fuse.wheel.entries import (
     WHEEL_RADIUS,
     Entry,
 )
-from hubodo.fuse.wheel.filter import ALIGNMENT_WINDOWS, WheelFilter, sample_block
+from hubodo.fuse.wheel.filter import ALIGNMENT_WINDOWS, WheelFilter
 from hubodo.fuse.wheel.filter_core import FilterCore
 from hubodo.fuse.wheel.mirrored_axes import is_mirrored
 from hubodo.fuse.wheel.records import Pose, StepInput
+from hubodo.fuse.wheel.samples import sample_block
 from hubodo.fuse.wheel.track import track_from_poses
 from hubodo.recording import Table
 
