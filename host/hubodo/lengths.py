@@ -20,12 +20,18 @@ _METRES = {
 }
 _PATTERN = re.compile(r"\s*(\d+(?:[.,]\d+)?|[.,]\d+)\s*(m|cm|mm|inches|inch|in|ft|\"|')\s*", re.IGNORECASE)
 
+_FEET_AND_INCHES = re.compile(
+    r"\s*(\d+)\s*(?:ft|')\s*(\d+(?:[.,]\d+)?)\s*(?:inches|inch|in|\"|'')?\s*", re.IGNORECASE
+)
+
 
 def parse_length(text: str, what: str) -> float:
     """Return a length in metres.
 
     what: name of the length, for errors. Raises InputError if the text is not a length.
     """
+    if both := _FEET_AND_INCHES.fullmatch(text):
+        text = f"{12.0 * float(both[1]) + float(both[2].replace(',', '.'))} in"
     match = _PATTERN.fullmatch(text)
     if match is None:
         raise InputError(f"{what} {text[:40]!r}: write a number and its unit, such as 33 cm, 13 in, 0.55 m")

@@ -16,6 +16,8 @@ from hubodo.lengths import format_length, parse_length
         ("13 in", 0.3302),
         ('13"', 0.3302),
         ("2 ft", 0.6096),
+        ("1 ft 10 in", 0.5588),
+        ("1' 10.5\"", 0.5715),
         (" 2M ", 2.0),
     ],
 )

@@ -21,6 +21,7 @@ _TIME_NAMES = (
     "seconds_elapsed",
     "elapsed",
     "unittime",
+    *("zeit", "uhrzeit", "zeitstempel", "temps", "horodatage", "tiempo", "tempo", "tijd"),
 )
 _SENSOR_NAMES = {
     "g": ("g|w|w_rs_s", "gyr|gyro|gyroscope|angular_velocity|angular_rate|rotation_rate|omega"),

@@ -16,7 +16,7 @@ from hubodo.errors import InputError
 from hubodo.log.array_process import read_isolated
 from hubodo.log.foreign_formats import CONVERSIONS, SHEET_SUFFIXES
 from hubodo.log.input_limits import open_regular
-from hubodo.log.number_text import read_text_table
+from hubodo.log.number_text import read_text_table, unmarked_utf16
 from hubodo.log.numpy_file import read_numpy
 
 FileKind = Literal["mcap", "rosbag", "sqlite", "text", "matlab", "hdf5", "numpy", "unknown"]
@@ -52,11 +52,13 @@ class NumberTable:
     values : (N, C).
     names : names of the C columns, or empty.
     units : units by array name, as far as the file states them.
+    notes : one line for each row that was left out.
     """
 
     values: Array
     names: tuple[str, ...]
     units: Mapping[str, str]
+    notes: tuple[str, ...] = ()
 
 
 def detect_file_kind(path: Path) -> FileKind:
@@ -74,6 +76,8 @@ def detect_file_kind(path: Path) -> FileKind:
             return kind
     if _MATLAB_4.match(head):
         return "matlab"
+    if unmarked_utf16(head):
+        return "text"
     is_text = all(byte >= 32 or byte in b"\t\r\n" for byte in head) and any(
         byte in b"0123456789" for byte in head
     )
@@ -102,8 +106,8 @@ def read_numbers(path: Path, kind: FileKind, variable: str | None) -> NumberTabl
     wanted = () if variable is None else tuple(name.strip() for name in variable.split(","))
     try:
         if kind == "text":
-            values, columns = read_text_table(path)
-            return NumberTable(values, columns, {})
+            values, columns, notes = read_text_table(path)
+            return NumberTable(values, columns, {}, notes)
         arrays, units = _ARRAY_READERS[kind](path, wanted)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error}); check the file") from None

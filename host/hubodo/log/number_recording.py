@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -112,6 +113,8 @@ def recording_from_numbers(
     stated = zip(input_format.columns, numbers.names, strict=False)
     is_si = is_si and all(name in ("-", heading) for name, heading in stated)
     t, t_zero_ns = _read_times(source, numbers, columns, input_format)
+    if len(t) and t[0] < 0.0:  # a log holds no negative times
+        t_zero_ns = max(t_zero_ns, -math.floor(t[0]) * NS_PER_S)
     table: dict[str, Array] = {"t": t}
     factors = _channel_factors(source, numbers, columns, input_format, is_si)
     for index, column in enumerate(columns):
@@ -124,7 +127,7 @@ def recording_from_numbers(
     left_out = [column.heading for column in columns if column.heading and column.name not in ("t", *table)]
     for name in IMU_CHANNELS:
         table.setdefault(name, np.full(len(t), np.nan))
-    warnings = (f"{source}: left out: {format_names(left_out)}",) if left_out else ()
+    warnings = numbers.notes + ((f"{source}: left out: {format_names(left_out)}",) if left_out else ())
     return Recording({node: Table(table)}, warnings=warnings, t_zero_ns=t_zero_ns)
 
 
@@ -168,8 +171,9 @@ def _assign_columns(source: str, numbers: NumberTable, input_format: InputFormat
             for column in columns
         ]
     named = f" ({format_names(numbers.names)})" if numbers.names else ""
+    example = ",".join([*NODE_COLUMNS, *("-" * (width - len(NODE_COLUMNS)))])
     raise InputError(
-        f"{source}: has {width} columns{named}; name them, as in --columns t,gx,gy,gz,ax,ay,az; - omits one"
+        f"{source}: has {width} columns{named}; name them, as in --columns {example}; - omits one"
     )
 
 

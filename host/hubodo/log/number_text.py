@@ -33,6 +33,8 @@ _COMMENT_MARKS = "#%"
 _COMMENT_STARTS = (*_COMMENT_MARKS, "//")
 _MAX_PREAMBLE_ROWS = 40  # rows of text above a header, its units and the first numbers
 _HEAD_BYTES = 4096
+_MISSING_NUMBERS = ("", "na", "n/a", "#n/a", "null", "none", "-", "--")
+"""Cells of programs that have no number there, in lower case; `nan` is a number of Python."""
 _MAX_ROW_CHARS = 1 << 20  # a longer row does not consist of numbers
 _BYTES_PER_CELL = 16  # a float64, and its copy while numpy joins blocks of rows
 NumberedRow = tuple[int, str]
@@ -58,8 +60,13 @@ class _TextFormat:
     texts: tuple[int, ...] = ()
 
     def cells(self, row: str) -> list[str]:
-        """Return the cells of a row with decimal points, and dates and times of day in seconds."""
+        """Return the cells of a row with decimal points, and dates and times of day in seconds.
+
+        A delimiter behind the last cell adds none.
+        """
         cells = _split(row, self.delimiter)
+        if len(cells) == self.width + 1 and not cells[-1]:
+            del cells[-1]
         for column, clock in self.clocks.items():
             if column < len(cells):
                 cells[column] = clock.seconds(cells[column])
@@ -69,11 +76,12 @@ class _TextFormat:
         return [cell.replace(",", ".") for cell in cells] if self.decimal_comma else cells
 
 
-def read_text_table(path: Path) -> tuple[NDArray[np.float64], tuple[str, ...]]:
-    """Read rows of numbers; return (N, C) values and the column names, () without a header.
+def read_text_table(path: Path) -> tuple[NDArray[np.float64], tuple[str, ...], tuple[str, ...]]:
+    """Read rows of numbers; return (N, C) values, the column names, () without a header, and notes.
 
-    A row of units is added to the names, as in `gx (deg/s)`. Dates become seconds since 1970, times of day
-    without a date seconds since midnight of the first day.
+    Empty cells and words for a missing number become NaN. A last row that was cut off is left out. A row of
+    units is added to the names, as in `gx (deg/s)`. Dates become seconds since 1970, times of day without a
+    date seconds since midnight of the first day.
 
     Raises InputError for a file without numbers, a malformed row, text that is not UTF-8 or a table beyond
     the memory limit; OSError.
@@ -85,16 +93,47 @@ def read_text_table(path: Path) -> tuple[NDArray[np.float64], tuple[str, ...]]:
         delimiter = text_format.delimiter
         if text_format.decimal_comma or text_format.clocks or text_format.texts:
             rows, delimiter = (" ".join(text_format.cells(text)) for text in rows), None
+        notes: list[str] = []
         try:
             values = np.loadtxt(rows, delimiter=delimiter, ndmin=2, comments=None, quotechar='"')
         except ValueError:
-            raise InputError(_describe_fault(path, text_format)) from None
+            try:
+                repaired_rows = _repair_rows(path, text_format, notes)
+                values = np.loadtxt(repaired_rows, delimiter=None, ndmin=2, comments=None)
+            except ValueError:
+                raise InputError(_describe_fault(path, text_format)) from None
         if values.shape[1] != text_format.width:  # all rows differ from the header in the same way
             raise InputError(_describe_fault(path, text_format))
     except (EOFError, zlib.error) as error:
         raise InputError(f"{path}: cannot be unpacked ({error}); compress it again") from None
     join_dates_and_times(values, text_format.clocks)
-    return values, _name_clock(text_format)
+    return values, _name_clock(text_format), tuple(notes)
+
+
+def _repair_rows(path: Path, text_format: _TextFormat, notes: list[str]) -> Iterator[str]:
+    """Yield the rows with NaN for missing numbers; a last row without its end is left out and noted."""
+    cut_off = ""
+    for number, row in _iterate_rows(path, text_format.first_row):
+        if cut_off:
+            raise ValueError("not the last row")
+        cells = ["nan" if cell.lower() in _MISSING_NUMBERS else cell for cell in text_format.cells(row)]
+        if len(cells) < text_format.width:
+            count = f"{len(cells)} of {text_format.width} columns"
+            cut_off = f"{path}: row {number}, the last one, has {count}; left out"
+        else:
+            yield " ".join(cells)
+    if cut_off and not _is_cut_off(path):
+        raise ValueError("a complete row")
+    notes += [cut_off] if cut_off else []
+
+
+def _is_cut_off(path: Path) -> bool:
+    """Return True if the last row of a file has no end."""
+    last = b""
+    with _open_stream(path) as stream:
+        while part := stream.read(READ_BLOCK_BYTES):
+            last = part
+    return not last.rstrip(b"\0").endswith((b"\n", b"\r"))
 
 
 def _name_clock(text_format: _TextFormat) -> tuple[str, ...]:
@@ -127,9 +166,16 @@ def _detect_format(path: Path) -> _TextFormat:
     names = _commented_names(path, delimiter, len(cells))
     if (without_header := _recognise(cells, delimiter, number, names)) is not None:
         return without_header
+    widths = [len(_split(row.rstrip(" ,;\t"), _delimiter(row))) for _, row in rows]
+    candidates = []
     for at in range(len(rows) - 1):
         if (with_names := _recognise_header(path, rows, at)) is not None:
-            return with_names
+            # Wider rows follow the names and values of a preamble.
+            if max(widths[at:]) <= with_names.width:
+                return with_names
+            candidates.append(with_names)
+    if candidates:
+        return candidates[0]
     if len(rows) == 1:
         raise InputError(f"{path}: no row below the header")
     return _TextFormat(delimiter, len(cells), tuple(cells), rows[1][0])
@@ -179,6 +225,8 @@ def _recognise(
     cells: list[str], delimiter: str | None, number: int, names: tuple[str, ...]
 ) -> _TextFormat | None:
     """Return the format by the cells of the first row of data; None if they are neither numbers nor dates."""
+    if len(cells) == len(names) + 1 and not cells[-1]:
+        cells = cells[:-1]
     clocks = {
         column: its
         for column, cell in enumerate(cells)
@@ -189,18 +237,23 @@ def _recognise(
         for column, (cell, name) in enumerate(zip(cells, names, strict=False))
         if column not in clocks and _is_word(cell) and not parse_heading(name).name
     )
-    others = [cell for column, cell in enumerate(cells) if column not in (*clocks, *texts)]
+    others = [
+        cell
+        for column, cell in enumerate(cells)
+        if column not in (*clocks, *texts) and cell.lower() not in _MISSING_NUMBERS
+    ]
     decimal_comma = delimiter != "," and not all(_is_number(cell) for cell in others)
     if decimal_comma and not all(_is_number(cell.replace(",", ".", 1)) for cell in others):
         return None
-    if len(texts) == len(cells) or not (decimal_comma or all(_is_number(cell) for cell in others)):
+    if not (others or clocks) or not (decimal_comma or all(_is_number(cell) for cell in others)):
         return None
     return _TextFormat(delimiter, len(names) or len(cells), names, number, decimal_comma, clocks, texts)
 
 
 def _is_word(cell: str) -> bool:
     """Return True for text such as a name or a date in words, not for a number with a decimal comma."""
-    return not _is_number(cell) and not _is_number(cell.replace(",", ".", 1))
+    is_missing = cell.lower() in _MISSING_NUMBERS
+    return not is_missing and not _is_number(cell) and not _is_number(cell.replace(",", ".", 1))
 
 
 def _iterate_rows(path: Path, first: int = 1) -> Iterator[NumberedRow]:
@@ -235,12 +288,23 @@ def _encoding(head: bytes) -> str:
     """Return the encoding by the first bytes: that of Windows if letters of the header are not UTF-8."""
     if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"
+    if bare := unmarked_utf16(head):
+        return bare
     header = re.split(rb"[\r\n]+[-+ \t]*\d", head)[0]
     try:
         header.decode("utf-8-sig")
     except UnicodeDecodeError:
         return "utf-8-sig" if b"\0" in head else "cp1252"
     return "utf-8-sig"
+
+
+def unmarked_utf16(head: bytes) -> str:
+    """Return the encoding of UTF-16 without a byte order mark, of which every other byte is 0; else ""."""
+    for first, encoding in ((1, "utf-16-le"), (0, "utf-16-be")):
+        zeros, others = head[first::2], head[1 - first :: 2]
+        if len(head) > 1 and zeros.count(0) > 0.9 * len(zeros) and not others.count(0):
+            return encoding
+    return ""
 
 
 @contextmanager

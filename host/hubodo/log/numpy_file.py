@@ -65,6 +65,9 @@ def _read_npz(
                     arrays[name] = array
     except _ZIP_ERRORS as error:
         raise InputError(f"{path}: a damaged .npz file ({error}); save it again") from None
+    if not arrays and (others := [name for name in sorted(names) if not name.endswith((".npy", "/"))]):
+        content = ", ".join(others[:3]) + (f" and {len(others) - 3} more" if len(others) > 3 else "")
+        raise InputError(f"{path}: is an archive with {content}; unpack it, and give a file or the folder")
     return arrays
 
 

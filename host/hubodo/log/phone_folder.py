@@ -85,7 +85,7 @@ def _read_sensor(path: Path, sensor: str) -> tuple[Array, Array, int]:
 
     Rows whose time does not increase are left out. Raises InputError for another header.
     """
-    values, headings = read_text_table(path)
+    values, headings, _ = read_text_table(path)
     columns = _channels(list(headings), sensor)
     if columns is None:
         raise InputError(f"{path}: has no time and three axes in its header; convert it to a node's CSV file")

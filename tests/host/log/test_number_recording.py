@@ -2,6 +2,7 @@
 
 import gzip
 import json
+import zipfile
 
 import h5py
 import numpy as np
@@ -218,3 +219,33 @@ def test_stamps_that_do_not_increase_are_answered_by_what_to_do(tmp_path):
 def test_numbers_in_quotation_marks_are_read(tmp_path):
     path = write_text(tmp_path / "a.csv", '"t","gx","gy","gz"\n"0","1","2","3"\n"0.5","4","5","6"\n')
     assert read_log(path).nodes["a"].gyro.tolist() == [[1, 2, 3], [4, 5, 6]]
+
+
+def test_negative_times_and_missing_samples_leave_the_distance_as_it_is(tmp_path, capsys):
+    """A log of a wheel that rolls 20 m, beginning at -10 s, with words for missing numbers."""
+    t = np.arange(-10.0, 20.0, 0.005)
+    rate = np.clip(t + 5.0, 0.0, 5.0)
+    angle = np.cumsum(rate) * 0.005
+    columns = [0 * t, 0 * t, rate, -9.80665 * np.cos(angle), 9.80665 * np.sin(angle), 0 * t]
+    rows = [[f"{v:.6f}" for v in row] for row in np.column_stack([t, *columns]) + 1e-6]
+    for row in rows[50::50]:
+        row[3] = "n/a"
+    log = write_text(tmp_path / "left.csv", "t,gx,gy,gz,ax,ay,az\n" + "\n".join(map(",".join, rows)) + "\n")
+    vehicle = write_text(
+        tmp_path / "v.toml",
+        '[vehicle]\nwheel_radius = 0.2\ntrack_width = 0.5\n[nodes.left]\nside = "left"\nfacing = "left"\n',
+    )
+    assert main(["fuse", str(log), "--vehicle", str(vehicle), "-o", str(tmp_path / "out"), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["distance"] == pytest.approx(0.2 * angle[-1], rel=0.01)
+    assert any(
+        "119 of 6000 samples hold NaN or infinity, first at t = -9.7" in it for it in result["warnings"]
+    )
+    assert main(["info", str(log)]) == 0
+
+
+def test_an_archive_is_named_with_its_content(tmp_path):
+    with zipfile.ZipFile(tmp_path / "drive.zip", "w") as archive:
+        archive.writestr("drive/left.csv", "t,gz\n0,1\n")
+    with pytest.raises(InputError, match=r"is an archive with drive/left\.csv; unpack it"):
+        read_log(tmp_path / "drive.zip")

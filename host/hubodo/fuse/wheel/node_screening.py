@@ -64,6 +64,15 @@ def check_times(nodes: Mapping[str, Table], log: str) -> None:
 def screen_samples(nodes: Mapping[str, Table]) -> tuple[dict[str, Table], tuple[str, ...]]:
     """Return the tables of all wheel nodes without rejected samples, and one line for each rejected run."""
     screened, lines = {}, []
+    finite_nodes = {}
+    for name, table in nodes.items():
+        is_finite = np.asarray(np.isfinite(np.hstack([table.gyro, table.accel])).all(axis=1), np.bool_)
+        finite_nodes[name] = table if is_finite.all() else _select(table, is_finite)
+        if n_bad := len(table) - len(finite_nodes[name]):
+            first = table.t[np.argmin(is_finite)]
+            bad = f"{n_bad} of {len(table)} samples hold NaN or infinity"
+            lines.append(f"{name}: {bad}, first at t = {first:.1f} s; left out")
+    nodes = finite_nodes
     for name, table in nodes.items():
         others = [other for other_name, other in nodes.items() if other_name != name]
         interleaved, frozen = _find_interleaved(table.t), _find_frozen(table, others)
@@ -78,10 +87,12 @@ def screen_samples(nodes: Mapping[str, Table]) -> tuple[dict[str, Table], tuple[
                 span = f"from t = {table.t[first]:.1f} to {table.t[last]:.1f} s"
                 lines.append(f"{name}: {span} {reason}; left out, sigmas grow there")
         is_accepted = ~(interleaved | frozen)
-        screened[name] = (
-            table if is_accepted.all() else Table({key: v[is_accepted] for key, v in table.columns.items()})
-        )
+        screened[name] = table if is_accepted.all() else _select(table, is_accepted)
     return screened, tuple(lines)
+
+
+def _select(table: Table, chosen: NDArray[np.bool_]) -> Table:
+    return Table({key: values[chosen] for key, values in table.columns.items()})
 
 
 def find_own_gaps(tables: Sequence[Table]) -> list[list[float]]:

@@ -50,7 +50,7 @@ class WindowBuilder:
     gyro_limit: float = np.inf
     accel_limit: float = np.inf
     n_rejected: int = 0
-    _edge: int = 0
+    _edge: int = -(1 << 62)  # the first sample sets it; times may be negative
     _time: list[float] = field(default_factory=list)
     _rows: list[_Row] = field(default_factory=list)
     _newest: float | None = None
