@@ -55,8 +55,8 @@ LAYOUT = {
     *(
         "GYRO_SCALE_COVARIANCE",
         "UNIFORM_ANGLE_SIGMA",
+        "_MAX_BLIND_VARIANCE",
         "_FULL_TURN",
-        "_GATE_NIS",
         "SUM_LENGTHS_WINDOWS",
         "_FULL_SHARE",
     ),

@@ -44,9 +44,6 @@ from hubodo.fuse.wheel.window import WINDOW_S
 _GAP_VARIANCE_FACTOR = 1e4
 """Variance factor of a window that is all gap, beyond any information of a row. Estimated."""
 
-_GATE_NIS = GATE_SIGMA**2
-"""Normalised innovation squared below which no single row can exceed the gate."""
-
 _MIN_ROLLING_SNR = 5.0**2
 """Squared ratio of wheel rate to gyro noise above which scale-like errors are observable. Estimated."""
 
@@ -148,7 +145,7 @@ class MeasurementUpdate:
         whitening = _whitening(s)
         whitened = whitening.dot(z)
         nis = float(whitened.dot(whitened))
-        if nis > _GATE_NIS:
+        if max(map(abs, whitened.tolist())) > GATE_SIGMA:
             sigma = 1.0 / whitening.diagonal()
             compared = self._compared if len(windows) == 2 and not silent else None
             inflated_variances, outlier_wheel = mounting_check.inflate_outlier_variances(

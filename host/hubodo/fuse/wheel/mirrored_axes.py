@@ -8,6 +8,7 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
+from hubodo.fuse.wheel.axle_rate import MIN_ROLLING_RATE
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.recording import Table
 from hubodo.vehicle import facing_sign
@@ -18,12 +19,8 @@ _TURNS_PER_BLOCK = 1
 _MIN_BLOCKS, _MAX_BLOCKS = 5, 200
 """Blocks required for a verdict, and those used at most. Estimated."""
 
-_MIN_BLOCK_SPIN = 1.0
-"""rad/s, mean spin of a block; on a slower wheel a bias of the gyro matters. Estimated."""
-
-_MIN_COHERENCE, _MIN_COHERENCE_RATIO = 0.6, 3.0
-"""Least force that rotates against the gyro, median of the blocks: as a share of gravity, and in
-units of the force that rotates with the gyro. Estimated."""
+_MIN_COHERENCE = 0.6
+"""Least force that rotates against the gyro, median of the blocks, as a share of gravity. Estimated."""
 
 
 def correct_mirrored_axes(
@@ -60,7 +57,8 @@ def is_mirrored(node: WheelNode, table: Table) -> bool:
     if len(coherence) < _MIN_BLOCKS:
         return False
     forward, backward = np.median(coherence, axis=0)
-    return bool(backward > _MIN_COHERENCE * STANDARD_GRAVITY and backward > _MIN_COHERENCE_RATIO * forward)
+    # However unequal the scales of both axes are, (sx + sy) / 2 is not below |sx - sy| / 2.
+    return bool(backward > max(_MIN_COHERENCE * STANDARD_GRAVITY, forward))
 
 
 def _blocks(t: Array, angle: Array, spin: Array, gyro_limit: float) -> list[slice]:
@@ -75,7 +73,7 @@ def _blocks(t: Array, angle: Array, spin: Array, gyro_limit: float) -> list[slic
         duration = t[end] - t[start]
         is_clipped = bool(np.any(np.abs(spin[start:end]) >= gyro_limit))
         has_gap = bool(np.max(np.diff(t[start : end + 1])) > 0.25 * duration)
-        if turned / duration > _MIN_BLOCK_SPIN and not is_clipped and not has_gap:
+        if turned / duration > MIN_ROLLING_RATE and not is_clipped and not has_gap:
             blocks.append(slice(start, end))
         start = end
     return blocks

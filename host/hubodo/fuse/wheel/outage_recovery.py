@@ -14,11 +14,8 @@ from hubodo.fuse.wheel.motion_model import HeadingErrorInflation
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.outage_bridge import MAX_BRIDGED_OUTAGE_S, OutageEnd
 from hubodo.fuse.wheel.records import WheelWindows
-from hubodo.fuse.wheel.wheel import Wheel, WheelMode
+from hubodo.fuse.wheel.wheel import MAX_WHEEL_SKEW_WINDOWS, Wheel, WheelMode
 from hubodo.fuse.wheel.window import WINDOW_S, WINDOWS_PER_SECOND, Window
-
-_MAX_ANGLE_AGE_WINDOWS = 3
-"""Windows before an outage in which a wheel may already be missing: cables and radios do not fail at once."""
 
 _MAX_RECOVERY_WINDOWS = 2 * WINDOWS_PER_SECOND + WINDOWS_PER_SECOND
 """Windows after an outage within which gravity must show the wheel angles."""
@@ -58,7 +55,7 @@ class OutageRecovery:
     def is_possible(wheels: Sequence[Wheel], seconds: float) -> bool:
         """Return True if the wheel angles were known and the wheels rolled at the start of an outage."""
         return seconds <= MAX_BRIDGED_OUTAGE_S and all(
-            wheel.windows_without_angle <= _MAX_ANGLE_AGE_WINDOWS
+            wheel.windows_without_angle <= MAX_WHEEL_SKEW_WINDOWS
             and wheel.best_mode is WheelMode.ROLLING
             and not wheel.slip_detector.is_slipping
             for wheel in wheels

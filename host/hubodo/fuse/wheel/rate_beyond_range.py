@@ -22,7 +22,7 @@ from hubodo.fuse.wheel.entries import (
 )
 from hubodo.fuse.wheel.free_motion import HARD_ACCELERATION
 from hubodo.fuse.wheel.measurements.steady import GRAVITY_SPEED_SIGMA, ONE_AXIS_SPEED_SIGMA
-from hubodo.fuse.wheel.spin_search import rederotate_window
+from hubodo.fuse.wheel.spin_search import MAX_RATE_BEYOND, rederotate_window
 from hubodo.fuse.wheel.wheel import MAX_ANGLE_ERROR, Wheel, reset_state
 from hubodo.fuse.wheel.window import BUMP_WINDOWS, WINDOW_S, Window
 
@@ -31,8 +31,8 @@ _MIN_ARM_SIGMA = 0.004
 removed from the force before the search, so a wrong arm passes for a wrong spin. From 24 wheels whose drives
 start clipped: errors of 1 to 6 mm, where the covariance claims 0.6."""
 
-_MAX_BLIND_SIGMA = 70.0
-"""rad/s, 1 sigma of a uniform distribution over the 240 rad/s that are searched."""
+_MAX_BLIND_VARIANCE = MAX_RATE_BEYOND**2 / 12.0
+"""(rad/s)², of a uniform distribution over the rates that are searched."""
 
 _MAX_BLIND_WINDOWS = 5
 """Consecutive windows without gravity in any axis after which the wheel angle is unknown: at 3 m/s² of
@@ -99,7 +99,7 @@ def _widen_blind_rate(p: Array, wheel: Wheel, step: float) -> None:
     """
     beyond = wheel.columns[RATE_BEYOND_RANGE]
     growth = 2.0 * step * step * wheel.spin_tracker.unobserved_windows
-    p[beyond, beyond] += min(growth, max(0.0, _MAX_BLIND_SIGMA**2 - p.item(beyond, beyond)))
+    p[beyond, beyond] += min(growth, max(0.0, _MAX_BLIND_VARIANCE - p.item(beyond, beyond)))
 
 
 def _track_unclipped(wheel: Wheel, window: Window) -> None:

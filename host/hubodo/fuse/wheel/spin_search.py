@@ -23,7 +23,7 @@ from hubodo.fuse.wheel.measurements.steady import NodeFixedTerms
 from hubodo.fuse.wheel.single_axis_gravity import SingleAxisSamples
 from hubodo.fuse.wheel.window import WINDOW_S, Window
 
-_MAX_RATE_BEYOND = 240.0
+MAX_RATE_BEYOND = 240.0
 """rad/s beyond range that is searched, 8 times a gyro of 2000 deg/s."""
 
 _TRACKED_WINDOWS = 4
@@ -113,7 +113,7 @@ def find_spin(windows: Sequence[Window], radius: float) -> SpinEstimate | None:
     # A tyre on a dry road accelerates by 1 g at most.
     max_slope = STANDARD_GRAVITY / radius
     rates, slopes = (
-        sign * np.arange(-RATE_TOLERANCE, _MAX_RATE_BEYOND, 1.0),
+        sign * np.arange(-RATE_TOLERANCE, MAX_RATE_BEYOND, 1.0),
         np.linspace(-max_slope, max_slope, 21),
     )
     all_samples, sample_set = sample_set, sample_set.remove_polynomial(3)

@@ -35,8 +35,9 @@ _UPRIGHT_WINDOWS = 300
 """
 
 
-_MAX_LATE_WINDOWS = 3
-"""Windows by which a wheel may be received later than the other one after an outage. Estimated."""
+MAX_WHEEL_SKEW_WINDOWS = 3
+"""Windows by which an outage of both wheels may begin earlier, or end later, for one of them, as cables and
+radios do not fail at once. Estimated."""
 
 
 class WheelMode(Enum):
@@ -202,7 +203,7 @@ class Wheel:
         """Take the wheel angle of the state as known after an outage."""
         self.drop_angle()
         self.angle_initialised = True
-        self._late_windows = _MAX_LATE_WINDOWS
+        self._late_windows = MAX_WHEEL_SKEW_WINDOWS
 
     def _check_gravity(self, window: Window) -> None:
         """Drop the angle if gravity points elsewhere after a gap.
