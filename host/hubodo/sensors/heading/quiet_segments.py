@@ -68,8 +68,14 @@ def divide_quiet_segments(t: Array, rate: Array, spans: list[tuple[int, int]]) -
 
 
 def _block_noise(means: Array, samples: Array, width: int) -> float:
-    """Return the sigma of a block mean, from differences of neighbours or, with few blocks, from samples."""
-    white = float(samples.std(ddof=1) / np.sqrt(width))
+    """Return the sigma of a block mean, from differences of neighbours or, with few blocks, from samples.
+
+    The scatter is that within blocks, as a span may hold several rates.
+    """
+    count = len(samples) // width
+    blocks = samples[: count * width].reshape(count, width)
+    scatter = np.median(blocks.std(axis=1, ddof=1)) if width > 1 else np.diff(samples).std() / np.sqrt(2.0)
+    white = float(scatter / np.sqrt(width))
     if len(means) < 8:
         return max(white, 1e-12)
     steps = np.abs(np.diff(means))

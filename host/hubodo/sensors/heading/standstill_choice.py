@@ -52,8 +52,12 @@ _RATE_JITTER, _RATE_WALK = np.radians(0.01), np.radians(0.002)
 """Bias instability between standstills, rad/s, and rate random walk, rad/s/√s, of a MEMS gyro."""
 _MAX_DRIFT_RATE, _MIN_DRIFT_RATE = np.radians(0.002), np.radians(1e-5)
 """Largest and smallest 1σ of the drift rate, rad/s². 0.05 deg/s/K and 10 K in five minutes are 0.0017."""
-_SAME_BIAS = np.radians(0.1)
-"""Hypotheses whose biases differ by less lead to the same heading."""
+_SAME_BIAS, _SAME_DRIFTING_BIAS = np.radians(0.03), np.radians(0.1)
+"""Hypotheses whose biases differ by less lead to the same heading: biases walk as far in five minutes.
+
+The second value is for sets of which one contains the other: their mean times differ, and with them the bias
+of a gyro that warms up.
+"""
 _SAME_TURN_RATE = 0.1
 """Probability that a steady turn repeats the rate of another one, as the programmes of tables do."""
 MAX_BIAS = np.radians(12.0)
@@ -146,7 +150,11 @@ def _decide(hypotheses: list[NDArray[np.bool_]], scores: Array, biases: Array) -
     if not best:
         alternative = int(scores[1:].argmax()) + 1 if len(scores) > 1 else 0
         return StandstillChoice(hypotheses[0], 0.0, 0.0, hypotheses[alternative])
-    same = np.abs(biases - biases[best]) < _SAME_BIAS
+    difference = np.abs(biases - biases[best])
+    sets = np.array(hypotheses)
+    common = (sets & sets[best]).sum(axis=1)
+    nested = common == np.minimum(sets.sum(axis=1), sets[best].sum())
+    same = difference < np.where(nested, _SAME_DRIFTING_BIAS, _SAME_BIAS)
     same[0] = False
     others = np.flatnonzero(~same)
     alternative = int(others[scores[others].argmax()])

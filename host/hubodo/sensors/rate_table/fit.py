@@ -31,7 +31,7 @@ _MIN_DOF = 3
 _MAX_CHANCE = 0.01
 _MAX_COLUMN_CONDITION = 1e4
 _SLOPE_RANGE = (0.5, 2.0)
-_WALK_RATIOS = (0.0, *np.logspace(-1, 7, 25))
+_WALK_RATIOS = (0.0, *np.logspace(-1, 7, 49))
 """Variance of the bias walk at the end of the record, relative to that of the mean of a plateau."""
 
 
@@ -141,14 +141,15 @@ def _solve_with_walk(columns: Array, plateaus: Plateaus) -> tuple[Array, Array, 
         inverse = np.linalg.inv(information)
         solution = inverse @ (design.T @ reading)
         misfit = float(((reading - design @ solution) ** 2).sum())
-        factor = max(1.0, misfit / max(dof, 1))
+        # A walk explains a misfit by itself: its size is then the only unknown of the noise.
+        factor = max(1.0, misfit / max(dof, 1)) if ratio == 0.0 else 1.0
         log_likelihoods.append(
             -np.log(np.diag(root)).sum()
             - np.linalg.slogdet(information)[1] / 2
             - (dof * np.log(factor) + misfit / factor) / 2
         )
         # Where chance does not explain the misfit, the noise is an estimate: the variance of Student's t.
-        if dof >= _MIN_DOF and chdtrc(dof, misfit) < _MAX_CHANCE:
+        if dof >= _MIN_DOF and ratio == 0.0 and chdtrc(dof, misfit) < _MAX_CHANCE:
             factor = misfit / (dof - 2)
         estimates.append(solution)
         covariances.append(inverse * factor)

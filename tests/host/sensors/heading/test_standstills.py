@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from generators.odd_records import disturb
 from generators.steady_turns import steady_turns
 from hubodo.cli import main
 from hubodo.log.csv_folder import write_folder
@@ -54,6 +55,29 @@ def test_a_turn_with_the_small_rate_of_a_bias_is_no_standstill(tmp_path, capsys,
     """A single quiet segment between steady turns of its own length needs a confirmation."""
     path, _ = folder(tmp_path / "log", seed, standstills=())
     assert "a steady turn looks like a standstill" in heading(path, capsys)
+
+
+def test_two_sets_of_standstills_with_different_biases_are_refused(tmp_path, capsys):
+    """The turn at 240 s has 0.17 deg/s: with the start it is as probable as the end, and 33 degrees apart."""
+    path, _ = folder(tmp_path / "log", [206, 4], standstills=(0, 9))
+    assert "may be one as well" in heading(path, capsys)
+
+
+def test_a_slow_turn_after_a_standstill_is_divided_from_it_beside_fast_ones(tmp_path, capsys):
+    """The first turn has 1.3 deg/s, others 20: the noise is that of the samples, without the turns."""
+    rng = np.random.default_rng([207, 5])
+    t, gyro, accel, true = steady_turns([207, 4], standstills=(0, 9), scale_sigma=0.01)
+    columns = dict(
+        zip(
+            ("t", "gx", "gy", "gz", "ax", "ay", "az"),
+            (t, *disturb("vibration lines", t, gyro, accel, rng, 0.02 * np.pi / 180)[1].T, *accel.T),
+            strict=True,
+        )
+    )
+    write_folder(Recording({"imu": Table(columns)}), tmp_path / "log")
+    result = heading(tmp_path / "log", capsys)
+    assert np.allclose(result["rests"], [(0, 30), (270, 300)], atol=1.0)
+    assert abs(result["turned_deg"]["heading"] - np.degrees(true[-1])) < 3 * result["sigma_deg"]
 
 
 def test_the_file_of_one_gyro_is_enough(tmp_path, capsys):
