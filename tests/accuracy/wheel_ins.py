@@ -1,6 +1,6 @@
 """Wheel-INS, the published method for one IMU on one wheel, beside hubodo: a real car and simulated loops.
 
-    python tests/accuracy/wheel_ins.py [--drives 20] [--first-seed 1000]
+    python tests/accuracy/wheel_ins.py [--drives 20] [--first-seed 1000] [--only car]
 
 The method is written from its equations (tests/papers/filters/wheel_ins.py), with the settings of its authors
 and with those of the car's sensors. Each wheel of the car is scored as in car.py: by tape, and with a radius
@@ -49,9 +49,12 @@ def main() -> int:
     )
     parser.add_argument("--drives", type=int, default=20)
     parser.add_argument("--first-seed", type=int, default=1000)
+    parser.add_argument("--only", choices=["car", "loops"])
     args = parser.parse_args()
-    _print_car(car.drives())
-    _print_loops(range(args.first_seed, args.first_seed + args.drives))
+    if args.only != "loops":
+        _print_car(car.drives())
+    if args.only != "car":
+        _print_loops(range(args.first_seed, args.first_seed + args.drives))
     return 0
 
 
