@@ -82,6 +82,7 @@ def select_wheel_nodes(
             f"{log}: none of the vehicle's wheel nodes ({', '.join(on_wheels) or 'none'}) is in the log "
             f"(there: {in_log}); name the nodes in the vehicle file as in the log, say which topic is which "
             "with --topic, or rename a number file to the name of its node, such as left.csv"
+            + "".join(f"; {line}" for line in recording.warnings if "not used: " in line)
         )
     for name in selected:
         if missing := missing_channels(recording.nodes[name]):

@@ -11,7 +11,9 @@ from typing import Any
 
 from hubodo.errors import InputError
 from hubodo.log.bag import METADATA_FILE, open_bag
-from hubodo.log.csv_folder import Progress, read_files, read_folder
+from hubodo.log.column_names import is_epoch
+from hubodo.log.csv_folder import Progress, find_files, read_files, read_folder
+from hubodo.log.csv_table import ForeignHeaderError
 from hubodo.log.input_limits import check_regular
 from hubodo.log.logfile import open_log
 from hubodo.log.number_file import detect_file_kind, explain_conversion
@@ -27,7 +29,8 @@ from hubodo.log.recording_reader import build_recording
 from hubodo.log.recording_writer import write_recording
 from hubodo.log.row_checks import drop_implausible_rows
 from hubodo.log.source import MessageSource, is_hubodo_log
-from hubodo.recording import NODE_COLUMNS, TABLE_FILE_COLUMNS, Recording, split_high_g
+from hubodo.recording import NODE_COLUMNS, TABLE_FILE_COLUMNS, Recording, Table, is_node_file, split_high_g
+from hubodo.units import NS_PER_S
 
 _DEFAULT_FORMAT = InputFormat()
 _TEXT_SUFFIXES = (".csv", ".tsv", ".txt")
@@ -83,13 +86,35 @@ def _read_any(path: Path, input_format: InputFormat, progress: Progress | None) 
             "rename it, such as left.csv"
         )
     if path.is_dir():
-        folder = read_phone_folder(path) if is_phone_folder(path) else read_folder(path, progress=progress)
-        return convert_to_si(folder, input_format)
+        if is_phone_folder(path):
+            return convert_to_si(read_phone_folder(path), input_format)
+        try:
+            return convert_to_si(read_folder(path, progress=progress), input_format)
+        except ForeignHeaderError:
+            return _read_foreign_folder(path, input_format)
     if is_parquet(path):
         if input_format.columns or not has_columns(path, NODE_COLUMNS):
             return read_parquet_numbers(path, input_format)
         return convert_to_si(read_files({path.name.split(".")[0]: path}, progress=progress), input_format)
     return read_number_file(path, detect_file_kind(path), input_format)
+
+
+def _read_foreign_folder(path: Path, input_format: InputFormat) -> Recording:
+    """Read a folder whose node files are of another program; dates become times on one clock."""
+    files = find_files(path)
+    parts = {name: _read_any(file, input_format, None) for name, file in files.items() if is_node_file(name)}
+    others = {name: file for name, file in files.items() if not is_node_file(name)}
+    recording = read_files(others) if others else Recording({})
+    zeros_ns = [part.t_zero_ns for part in parts.values()]
+    are_dates = is_epoch(min(zeros_ns) / NS_PER_S)
+    origin_ns = min(zeros_ns) if are_dates else max(zeros_ns)
+    nodes = {}
+    for name, part in parts.items():
+        (table,) = part.nodes.values()
+        t = table.t + (part.t_zero_ns - origin_ns) / NS_PER_S if are_dates else table.t
+        nodes[name] = Table({**table.columns, "t": t})
+    warnings = tuple(line for part in parts.values() for line in part.warnings)
+    return replace(recording, nodes=nodes, warnings=warnings, t_zero_ns=max(origin_ns, recording.t_zero_ns))
 
 
 def _refuse_rate(path: Path, input_format: InputFormat) -> None:

@@ -25,6 +25,7 @@ from hubodo.safe_text import json_text
 TableFormat = Literal["csv", "parquet"]
 _HINT_DEPTHS = ("*/*.csv", "*/*/*.csv", "*/*/*/*.csv")
 """Where a CSV file is looked up for an error message."""
+_TEXT_SUFFIXES = (".txt", ".tsv", ".dat", ".log")
 SUFFIXES = (".csv", ".csv.gz", ".parquet")
 Progress = Callable[[str, float], None]
 """Called with the current step and the fraction done."""
@@ -38,7 +39,7 @@ def read_folder(folder: Path, *, repair: bool = False, progress: Progress | None
     Raises InputError (file, row, remedy) for each fault listed in README.md beside this file. With `repair`,
     faulty rows are dropped instead, and counted in `metadata["repaired"]` and in one event per file.
     """
-    return read_files(_find_files(folder), repair=repair, progress=progress)
+    return read_files(find_files(folder), repair=repair, progress=progress)
 
 
 def read_files(
@@ -96,15 +97,15 @@ def write_folder(
     return tuple(names)
 
 
-def _find_files(folder: Path) -> dict[str, Path]:
+def find_files(folder: Path) -> dict[str, Path]:
     """Return CSV and Parquet files by table name, nodes first, in alphabetical order."""
     if not folder.is_dir():
         raise InputError(f"{folder}: is not a folder; give the folder that holds the CSV files")
     path_by_name: dict[str, Path] = {}
     for path in sorted(folder.iterdir()):
-        suffix = next((it for it in SUFFIXES if path.name.endswith(it)), None)
-        name = path.name.removesuffix(suffix or "")
-        if suffix is None or not name:
+        suffix = next((it for it in SUFFIXES if path.name.lower().endswith(it)), "")
+        name = path.name[: len(path.name) - len(suffix)]
+        if not suffix or not name:
             continue
         if name in path_by_name:
             raise InputError(
@@ -113,7 +114,9 @@ def _find_files(folder: Path) -> dict[str, Path]:
         path_by_name[name] = path
     if not any(map(is_node_file, path_by_name)) and "wheels" not in path_by_name:
         deeper = next(iter(sorted(it for depth in _HINT_DEPTHS for it in folder.glob(depth))), None)
-        hint = f"; give the file of another program alone, such as {deeper}" if deeper else ""
+        text = next((it for it in sorted(folder.iterdir()) if it.suffix.lower() in _TEXT_SUFFIXES), None)
+        hint = f"; rename {text.name} to {text.stem}.csv" if text is not None else ""
+        hint = f"; give the file of another program alone, such as {deeper}" if deeper else hint
         raise InputError(
             f"{folder}: holds no node; it needs at least one file <node>.csv with the columns "
             f"{','.join(NODE_COLUMNS)}, or wheels.csv{hint}"
@@ -122,7 +125,7 @@ def _find_files(folder: Path) -> dict[str, Path]:
 
 
 def _read_file(path: Path, required: tuple[str, ...], repair: bool, *, is_node: bool) -> ParsedFile:
-    read = parquet_table.read_table if path.suffix == ".parquet" else read_table
+    read = parquet_table.read_table if path.suffix.lower() == ".parquet" else read_table
     parsed = read(path, required, repair=repair)
     if is_node and not len(parsed.table):
         lost = sum(parsed.dropped.values())

@@ -296,6 +296,10 @@ def _iterate_blocks(path: Path, stream: IO[bytes]) -> Iterator[bytes]:
         yield partial_line + b"\n"
 
 
+class ForeignHeaderError(InputError):
+    """A header without the columns of the CSV folder, as of another program."""
+
+
 def _parse_header(path: Path, header: str, line: int, required: Sequence[str]) -> tuple[str, ...]:
     try:
         names = tuple(name.strip() for name in next(csv.reader([header])))
@@ -305,10 +309,9 @@ def _parse_header(path: Path, header: str, line: int, required: Sequence[str]) -
         raise InputError(f"{path}: row {line}: {len(names)} columns, {MAX_COLUMNS} at most; split the file")
     missing = [name for name in required if name not in names]
     if missing:
-        raise InputError(
+        raise ForeignHeaderError(
             f"{path}: row {line}: no column {', '.join(missing)} in the header {header[:80]!r}; "
-            f"the columns must include {','.join(required)}; hubodo reads a file of another program if it is "
-            "given alone, without its folder"
+            f"the columns must include {','.join(required)}"
         )
     for name, times in Counter(names).items():
         if times > 1:

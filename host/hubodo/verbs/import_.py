@@ -15,7 +15,7 @@ from hubodo.ingest.replay.redecode import RedecodedLog, redecode_log
 from hubodo.log.any_log import find_mcap_file, is_hubodo_mcap, is_rosbag, read_log
 from hubodo.log.csv_folder import read_folder
 from hubodo.log.number_recording import convert_to_si
-from hubodo.log.phone_folder import is_phone_folder, read_phone_folder
+from hubodo.log.phone_folder import is_phone_folder
 from hubodo.log.recording_writer import write_recording
 from hubodo.log.units import explain_suspect_units
 from hubodo.progress import progress_line
@@ -149,13 +149,9 @@ def run(args: argparse.Namespace) -> ImportResult | DecodeResult:
         with progress_line() as show:
             return DecodeResult(str(args.source), redecode_log(file, args.output, progress=show))
     with progress_line() as show:
-        if args.source.is_dir() and not is_rosbag(args.source):
-            folder = (
-                read_phone_folder(args.source)
-                if is_phone_folder(args.source)
-                else read_folder(args.source, repair=args.repair, progress=show)
-            )
-            recording = convert_to_si(folder, form)
+        is_folder = args.source.is_dir() and not is_rosbag(args.source)
+        if args.repair and is_folder and not is_phone_folder(args.source):
+            recording = convert_to_si(read_folder(args.source, repair=True, progress=show), form)
         else:
             recording = read_log(args.source, input_format=form, progress=show, keep_empty=True)
         messages = write_recording(recording, args.output, vehicle=vehicle, progress=show)

@@ -249,3 +249,26 @@ def test_an_archive_is_named_with_its_content(tmp_path):
         archive.writestr("drive/left.csv", "t,gz\n0,1\n")
     with pytest.raises(InputError, match=r"is an archive with drive/left\.csv; unpack it"):
         read_log(tmp_path / "drive.zip")
+
+
+def test_a_folder_of_two_exports_of_another_program_is_one_recording(tmp_path):
+    header = '"Zeit";"Gyro X (°/s)";"Gyro Y (°/s)";"Gyro Z (°/s)";"Acc X (g)";"Acc Y (g)";"Acc Z (g)"\r\n'
+    for name, start in (("Left.CSV", 1.8e9), ("right.csv", 1.8e9 + 2.5)):
+        rows = (f"{start + 0.01 * k:.2f};{k};0;90;0;1;0\r\n".replace(".", ",") for k in range(50))
+        (tmp_path / name).write_text("\ufeff" + header + "".join(rows), "utf-8")
+    (tmp_path / "truth.csv").write_text("t,x,y\n0,0,0\n1,1,0\n")
+    recording = read_log(tmp_path)
+    assert recording.t_zero_ns == 1_800_000_000 * 10**9
+    assert recording.nodes["right"].t[0] - recording.nodes["Left"].t[0] == pytest.approx(2.5, abs=1e-6)
+    assert recording.nodes["right"]["gz"] == pytest.approx(np.pi / 2)
+    assert recording.nodes["Left"]["ay"] == pytest.approx(9.80665)
+    assert recording.truth is not None
+    (tmp_path / "truth.csv").write_text("t,x\n0,0\n1,1\n")
+    with pytest.raises(InputError, match=r"truth\.csv: row 1: no column y"):
+        read_log(tmp_path)
+
+
+def test_a_folder_of_text_files_is_answered_by_their_new_name(tmp_path):
+    write_text(tmp_path / "left.txt", "t,gx\n0,1\n")
+    with pytest.raises(InputError, match=r"holds no node; .*; rename left\.txt to left\.csv"):
+        read_log(tmp_path)
