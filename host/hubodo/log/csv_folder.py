@@ -25,7 +25,7 @@ from hubodo.safe_text import json_text
 TableFormat = Literal["csv", "parquet"]
 _HINT_DEPTHS = ("*/*.csv", "*/*/*.csv", "*/*/*/*.csv")
 """Where a CSV file is looked up for an error message."""
-_TEXT_SUFFIXES = (".txt", ".tsv", ".dat", ".log")
+_OTHER_TEXT_SUFFIXES = (".txt", ".tsv", ".dat", ".log")
 SUFFIXES = (".csv", ".csv.gz", ".parquet")
 Progress = Callable[[str, float], None]
 """Called with the current step and the fraction done."""
@@ -114,7 +114,9 @@ def find_files(folder: Path) -> dict[str, Path]:
         path_by_name[name] = path
     if not any(map(is_node_file, path_by_name)) and "wheels" not in path_by_name:
         deeper = next(iter(sorted(it for depth in _HINT_DEPTHS for it in folder.glob(depth))), None)
-        text = next((it for it in sorted(folder.iterdir()) if it.suffix.lower() in _TEXT_SUFFIXES), None)
+        text = next(
+            (it for it in sorted(folder.iterdir()) if it.suffix.lower() in _OTHER_TEXT_SUFFIXES), None
+        )
         hint = f"; rename {text.name} to {text.stem}.csv" if text is not None else ""
         hint = f"; give the file of another program alone, such as {deeper}" if deeper else hint
         raise InputError(

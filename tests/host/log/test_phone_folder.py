@@ -68,5 +68,5 @@ def test_an_acceleration_without_gravity_is_left_out(tmp_path, capsys):
 
 def test_another_folder_with_a_file_of_that_name_is_a_csv_folder(tmp_path):
     (tmp_path / "Gyroscope.csv").write_text("a,b\n1,2\n")
-    with pytest.raises(InputError, match="no column t, gx"):
+    with pytest.raises(InputError, match=r"has 2 columns \(a, b\); name them"):
         read_log(tmp_path)
