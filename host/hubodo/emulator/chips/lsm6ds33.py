@@ -79,6 +79,7 @@ class Lsm6ds33(Imu):
     IDENTITY = 0x69
     REGISTERS = REGISTERS
     ODR_HZ = ODR_HZ
+    FIFO_OUTPUT = (FIFO_DATA_L, FIFO_DATA_H)
 
     def __init__(self, motion: Motion, specimen: Specimen | None = None, *, address: int = 0x6B) -> None:
         specimen = specimen or Specimen()
@@ -124,7 +125,12 @@ class Lsm6ds33(Imu):
             self.values[CTRL3_C] &= ~_BOOT & 0xFF
         elif register in (CTRL1_XL, CTRL2_G):
             self._configure(t)
-        elif FIFO_CTRL1 <= register <= FIFO_CTRL5:
+        else:
+            self._on_fifo_or_clock(t, register)
+
+    def _on_fifo_or_clock(self, t: float, register: int) -> None:
+        """React to a register of the FIFO or of the time stamps that changed."""
+        if FIFO_CTRL1 <= register <= FIFO_CTRL5:
             if register == FIFO_CTRL4 and self.values[FIFO_CTRL4] & 0x7F:
                 self._count_anomaly("unmodelled FIFO set in", register)
             if register == FIFO_CTRL2 and self.values[FIFO_CTRL2] & 0xC0:
@@ -264,18 +270,24 @@ class Lsm6ds33(Imu):
             self._overrun = True
 
     def next_register(self, register: int) -> int:
-        """Return the next register of a burst, by IF_INC, with the roll-over of FIFO_DATA_OUT."""
-        if not self.values[CTRL3_C] & _IF_INC:
+        """Return the next register of a burst, by IF_INC, with the roll-over of the FIFO's output."""
+        if not self.increments_address:
             return register
-        return FIFO_DATA_L if register == FIFO_DATA_H else (register + 1) & 0x7F
+        first, last = self.FIFO_OUTPUT
+        return first if register == last else (register + 1) & 0x7F
+
+    @property
+    def increments_address(self) -> bool:
+        """Return True if a burst reads successive registers."""
+        return bool(self.values[CTRL3_C] & _IF_INC)
 
     def read(self, t: float, n: int, byte_time: float) -> bytes:
         """Return a burst; whole words of the FIFO and consistent output registers are read at once."""
         start = self.pointer
-        if start == FIFO_DATA_L and n % 2 == 0 and self.values[CTRL3_C] & _IF_INC:
+        if start == FIFO_DATA_L and n % 2 == 0 and self.increments_address:
             self._measure_until(t)
             return self._pop_fifo(n, t, byte_time)
-        if start >= STATUS and start + n <= OUT_XL + 6 and self.values[CTRL3_C] & _IF_INC:
+        if start >= STATUS and start + n <= OUT_XL + 6 and self.increments_address:
             self._measure_until(t)
             if self.clock.next_sample_time > t + n * byte_time:
                 block = (
@@ -307,13 +319,14 @@ class Lsm6ds33(Imu):
         if register in (OUT_TEMP_L + 1, OUT_G + 1, OUT_G + 3, OUT_G + 5, OUT_XL + 1, OUT_XL + 3, OUT_XL + 5):
             self._data_ready &= ~(0x04 if register < OUT_G else 0x02 if register < OUT_XL else 0x01)
 
+    def _measure_before_read(self, t: float, register: int) -> None:
+        """Measure the samples due by t, unless BDU holds this high byte until it is read."""
+        if not (self.values[CTRL3_C] & _BDU and register % 2 == 1 and 0x20 <= register < 0x2E):
+            self._measure_until(t)
+
     def read_register(self, t: float, register: int) -> int:
         """Return one byte, and apply the side effects of the read."""
-        is_high_byte_held = (
-            bool(self.values[CTRL3_C] & _BDU) and register % 2 == 1 and 0x20 <= register < 0x2E
-        )
-        if not is_high_byte_held:
-            self._measure_until(t)
+        self._measure_before_read(t, register)
         if register == STATUS:
             return self._data_ready
         if OUT_TEMP_L <= register < OUT_XL + 6:

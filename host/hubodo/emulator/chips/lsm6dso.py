@@ -31,7 +31,6 @@ TAG_GYRO, TAG_ACCEL, TAG_TIMESTAMP = 0x01, 0x02, 0x04
 TICKS_PER_SECOND, FINE_STEP = 40e3, 0.0015
 GYRO_4000_DPS_PER_LSB = 0.14
 _TIMESTAMP_EN, _INTERRUPTS_ENABLE, _LIR, _INT1_WU = 0x20, 0x80, 0x01, 0x20
-_SW_RESET, _BOOT, _BDU, _IF_INC = 0x01, 0x80, 0x40, 0x04
 _BYPASS_MODE, _FIFO_MODE = 0, 1
 
 _READ_ONLY_REGISTERS = {
@@ -89,6 +88,7 @@ class Lsm6dso(Lsm6ds33):
     chip_name = "lsm6dso"
     IDENTITY = 0x6C
     REGISTERS = REGISTERS
+    FIFO_OUTPUT = (FIFO_TAG, FIFO_LAST)
     ODR_HZ = (0.0, *(6667.0 / 2**n for n in range(9, -1, -1)))
 
     def __init__(self, motion: Motion, specimen: Specimen | None = None, *, address: int = 0x6B) -> None:
@@ -115,16 +115,9 @@ class Lsm6dso(Lsm6ds33):
         self._fifo.clear()
         self._overrun = False
 
-    def on_register_changed(self, t: float, register: int) -> None:
-        """React to a control register that changed."""
-        self._measure_until(t)
-        if register == CTRL3_C:
-            if self.values[CTRL3_C] & _SW_RESET:
-                self.power_on(t)
-            self.values[CTRL3_C] &= ~_BOOT & 0xFF
-        elif register in (CTRL1_XL, CTRL2_G):
-            self._configure(t)
-        elif register == FIFO_CTRL3:
+    def _on_fifo_or_clock(self, t: float, register: int) -> None:
+        """React to a register of the FIFO or of the time stamps that changed."""
+        if register == FIFO_CTRL3:
             gyro, accel = self.values[FIFO_CTRL3] >> 4, self.values[FIFO_CTRL3] & 0x0F
             if gyro != accel:
                 self._count_anomaly("unmodelled batch rates in", register)
@@ -192,12 +185,6 @@ class Lsm6dso(Lsm6ds33):
             del fifo[:WORD_BYTES]
         fifo += word
 
-    def next_register(self, register: int) -> int:
-        """Return the next register of a burst, by IF_INC, with the roll-over of the FIFO's output."""
-        if not self.values[CTRL3_C] & _IF_INC:
-            return register
-        return FIFO_TAG if register == FIFO_LAST else (register + 1) & 0x7F
-
     def _pop_fifo(self, n: int, t: float, byte_time: float) -> bytes:
         """Remove n bytes from the FIFO and return them, with zeros beyond its end."""
         data = bytes(self._fifo[:n])
@@ -210,18 +197,14 @@ class Lsm6dso(Lsm6ds33):
 
     def read(self, t: float, n: int, byte_time: float) -> bytes:
         """Return a burst; whole words of the FIFO are read at once."""
-        if self.pointer == FIFO_TAG and n % WORD_BYTES == 0 and self.values[CTRL3_C] & _IF_INC:
+        if self.pointer == FIFO_TAG and n % WORD_BYTES == 0 and self.increments_address:
             self._measure_until(t)
             return self._pop_fifo(n, t, byte_time)
         return super().read(t, n, byte_time)
 
     def read_register(self, t: float, register: int) -> int:
         """Return one byte, and apply the side effects of the read."""
-        is_high_byte_held = (
-            bool(self.values[CTRL3_C] & _BDU) and register % 2 == 1 and 0x20 <= register < 0x2E
-        )
-        if not is_high_byte_held:
-            self._measure_until(t)
+        self._measure_before_read(t, register)
         if register in (FIFO_STATUS1, FIFO_STATUS1 + 1):
             words = len(self._fifo) // WORD_BYTES
             if register == FIFO_STATUS1:
