@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import cmath
+import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
@@ -11,7 +13,16 @@ from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
 from hubodo.fuse.wheel.axle_rate import MIN_ROLLING_RATE
 from hubodo.fuse.wheel.config import GATE_SIGMA, WheelNode
-from hubodo.fuse.wheel.entries import CAMBER, RATE_BEYOND_RANGE, WHEEL_ANGLE, Entry
+from hubodo.fuse.wheel.entries import (
+    ACCEL_BIAS_X,
+    ACCEL_BIAS_Y,
+    CAMBER,
+    LEVER_ARM_X,
+    LEVER_ARM_Y,
+    RATE_BEYOND_RANGE,
+    WHEEL_ANGLE,
+    Entry,
+)
 from hubodo.fuse.wheel.measurements import LinearisedWindow, WheelGeometry
 from hubodo.fuse.wheel.measurements.steady import GRAVITY_SPEED_SIGMA, NodeFixedTerms
 from hubodo.fuse.wheel.motion_state import StandstillDetector
@@ -21,6 +32,10 @@ from hubodo.fuse.wheel.window import BUMP_WINDOWS, EMPTY_WINDOW, WINDOW_S, Windo
 
 MAX_MISSING_SHARE = 0.5
 """Share of a window without samples from which on the window is not used at all. Estimated."""
+
+_MIN_IN_RANGE_WINDOWS = 5
+"""Last windows of those gathered for the angle that are used alone if the gyro is in range in them: half a
+second, in which a wheel at the range of a usual gyro turns twice."""
 
 MAX_ANGLE_ERROR = GATE_SIGMA * WHEEL_ANGLE.prior
 """rad; a wheel angle is unknown beyond it, as change of the direction of gravity or as sigma: the prior is
@@ -93,7 +108,7 @@ class Wheel:
     misaligned_windows : consecutive windows with gravity elsewhere, see `rate_beyond_range.py`.
     arm_variances : m², of the lever arm before a gyro clipped, see `rate_beyond_range.py`.
     fixed_terms : node-fixed terms of a spin search, to be processed.
-    alignment_count, gravity_sum, axial_sum : windows, derotated force and axial force gathered for the angle.
+    alignment_count, gravity_sum : windows and derotated force gathered for the angle.
     alignment_start_angle, alignment_end_angle : rad, carrier angle at the start and end of the gathering.
     turned_angle, net_angle : rad by which the wheel turned: sum of magnitudes, and net.
     upright_sum, upright_count : sum over windows of the force that points up, in units of g, and their
@@ -120,7 +135,6 @@ class Wheel:
     arm_variances: tuple[float, float] | None = None
     alignment_count: int = 0
     gravity_sum: complex = 0j
-    axial_sum: float = 0.0
     alignment_start_angle: float = 0.0
     alignment_end_angle: float = 0.0
     turned_angle: float = 0.0
@@ -190,7 +204,6 @@ class Wheel:
         self.alignment_count += 1
         self._gathered.append(window)
         self.gravity_sum += window.force * cmath.exp(1j * window.clock_angle)
-        self.axial_sum += window.axial
         self.alignment_end_angle = window.clock_angle + 0.5 * window.spin
 
     def mark_missing(self, windows: int) -> None:
@@ -232,9 +245,27 @@ class Wheel:
     def drop_angle(self) -> None:
         """Discard the wheel angle and start gathering gravity again."""
         self.angle_initialised, self.alignment_count = False, 0
-        self.gravity_sum, self.axial_sum = 0j, 0.0
+        self.gravity_sum = 0j
         self._gravity_before_gap, self._n_after_gap = 0j, None
         self._gathered = []
+
+    def _sum_gravity(self, x: list[float], windows: Sequence[Window]) -> complex:
+        """Return the derotated force of windows less bias and lever arm, m/s.
+
+        On a fast wheel the centripetal force on an arm of 15 cm is ten times gravity, and does not cancel in
+        part of a turn.
+        """
+        columns = self.columns
+        bias = complex(x[columns[ACCEL_BIAS_X]], x[columns[ACCEL_BIAS_Y]])
+        arm = complex(x[columns[LEVER_ARM_X]], x[columns[LEVER_ARM_Y]])
+        return sum(
+            (
+                (window.force - bias * window.carrier - arm * window.lever)
+                * cmath.exp(1j * window.clock_angle)
+                for window in windows
+            ),
+            0j,
+        )
 
     def initialise_angle(self, x: list[float], p: Array, at_start: bool) -> list[int]:
         """Initialise the wheel angle from gravity, in place, and return the columns that were reset.
@@ -244,6 +275,10 @@ class Wheel:
         """
         columns, gathered = self.columns, self._gathered
         self._gathered = []
+        in_range = list(itertools.takewhile(lambda window: window.spin_clipped == 0.0, reversed(gathered)))
+        if not at_start and len(in_range) >= _MIN_IN_RANGE_WINDOWS:
+            # The spin search assumes a constant change of the rate beyond range, which ends at the range.
+            gathered = in_range[::-1]
         if any(window.spin_clipped > 0.0 for window in gathered):
             spin = find_spin(gathered, self.geometry.radius)
             if spin is None:
@@ -258,12 +293,15 @@ class Wheel:
             reset_columns = [columns[WHEEL_ANGLE], columns[RATE_BEYOND_RANGE]]
         else:
             carrier = self.alignment_start_angle if at_start else self.alignment_end_angle
-            angle, vertical = -cmath.phase(self.gravity_sum) + carrier, abs(self.gravity_sum)
+            gravity = self._sum_gravity(x, gathered)
+            angle, vertical = -cmath.phase(gravity) + carrier, abs(gravity)
             reset_columns = [columns[WHEEL_ANGLE]]
         x[columns[WHEEL_ANGLE]] = math.remainder(angle, 2.0 * math.pi)
         # On a fast wheel a tilt causes a far larger axial force than a camber.
         if x[columns[CAMBER]] == 0.0 and self.fixed_terms is None:
-            x[columns[CAMBER]] = self.geometry.side * math.atan2(self.axial_sum, vertical)
+            x[columns[CAMBER]] = self.geometry.side * math.atan2(
+                sum(window.axial for window in gathered), vertical
+            )
         reset_state(p, columns[WHEEL_ANGLE], WHEEL_ANGLE.prior**2)
         self.angle_initialised = True
         return reset_columns
