@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from hubodo.sensors.heading.result import HeadingResult
     from hubodo.sensors.imu.result import ImuCalibration
     from hubodo.sensors.north.result import NorthResult
+    from hubodo.sensors.rate_table.result import RateCalibration
     from hubodo.sensors.warmup.result import WarmupResult
     from hubodo.vehicle import NodeMount, Vehicle
 
@@ -59,6 +60,7 @@ _NAMES_OF_MODULE = {
     "hubodo.sensors.heading.result": ("HeadingResult",),
     "hubodo.sensors.imu.result": ("ImuCalibration",),
     "hubodo.sensors.north.result": ("NorthResult",),
+    "hubodo.sensors.rate_table.result": ("RateCalibration",),
     "hubodo.sensors.warmup.result": ("WarmupResult",),
     "hubodo.vehicle": ("NodeMount", "Vehicle"),
 }
@@ -82,6 +84,7 @@ __all__ = [  # noqa: RUF022 - in the order of the reference
     "HeadingResult",
     "ImuCalibration",
     "NorthResult",
+    "RateCalibration",
     "MissingEffects",
     "Finding",
     "Plot",

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from hubodo.sensors.imu.scalar_calibration import Convention
     from hubodo.sensors.north.measurements import Method as NorthMethod
     from hubodo.sensors.north.result import NorthResult
+    from hubodo.sensors.rate_table.result import RateCalibration
 
 
 class SensorMethods(ChannelMethods):
@@ -125,6 +126,69 @@ class SensorMethods(ChannelMethods):
         name = self._node(node)
         options = ImuOptions(gravity, latitude_deg, table_rate_deg_s, convention, min_standstill)
         return calibrate_node_imu(self.recording.nodes[name], name, str(self.path), options)
+
+    def calibrate_rate(
+        self,
+        node: str | None = None,
+        axis: Literal["x", "y", "z"] = "z",
+        *,
+        rates_deg_s: Sequence[float] = (),
+        table: StrPath | None = None,
+        settle: float = 1.0,
+        min_plateau: float = 3.0,
+        full_scale_deg_s: float | None = None,
+        latitude_deg: float | None = None,
+    ) -> RateCalibration:
+        """Calibrate one gyro axis on a rate table, as `hubodo calibrate rate` does.
+
+        Parameters
+        ----------
+        node : str, optional
+            Name of the node; by default the only one.
+        axis : {"x", "y", "z"}
+            Gyro axis along that of the table.
+        rates_deg_s : sequence of float
+            Rates in order without their times, deg/s.
+        table : str or path-like, optional
+            In place of `rates_deg_s`: CSV file with the rates over time, columns `t` and `rate_deg_s`.
+        settle : float
+            Time cut off at both ends of each rate, s.
+        min_plateau : float
+            Shortest steady rate that counts with `rates_deg_s`, s.
+        full_scale_deg_s : float, optional
+            Full scale of the gyro; by default the largest rate.
+        latitude_deg : float, optional
+            Latitude of a table with a vertical axis; takes Earth rate off the bias.
+
+        Returns
+        -------
+        RateCalibration
+            Bias, scale error, asymmetry, nonlinearity and hysteresis with sigmas.
+
+        Raises
+        ------
+        InputError
+            If there is no such node, its units are doubtful, or the axis does not follow the table.
+        CalibrationError
+            If the rates do not suffice.
+
+        References
+        ----------
+        IEEE Std 952-2020, scale factor tests on a rate table.
+        """
+        from hubodo.api.sensors import calibrate_log_rate
+
+        return calibrate_log_rate(
+            self,
+            self._node(node),
+            axis,
+            rates_deg_s,
+            table,
+            settle,
+            min_plateau,
+            full_scale_deg_s,
+            latitude_deg,
+        )
 
     def north(
         self,

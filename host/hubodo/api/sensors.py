@@ -1,13 +1,15 @@
-"""Heading and north of a log in memory."""
+"""Heading, north and rate-table calibration of a log in memory."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hubodo.api.arguments import StrPath, as_calibration
 from hubodo.errors import InputError
+from hubodo.log.rate_file import read_rate_file
 from hubodo.log.units import check_node_units
 from hubodo.sensors.heading.estimate import HeadingOptions, effects_of_node, heading_from_recording
 from hubodo.sensors.heading.prior import read_bias_noise
@@ -17,6 +19,8 @@ from hubodo.sensors.north.measurements import METHODS
 from hubodo.sensors.north.measurements import Method as NorthMethod
 from hubodo.sensors.north.plan import read_drift_noise
 from hubodo.sensors.north.result import NorthResult
+from hubodo.sensors.rate_table.calibrate import RateOptions, calibrate_node_rate
+from hubodo.sensors.rate_table.result import RateCalibration
 
 if TYPE_CHECKING:
     from hubodo.api.sensor_methods import SensorMethods
@@ -58,6 +62,40 @@ def estimate_log_heading(
         return heading_from_recording(log.recording, node, options, log=str(log.path))
     except InputError as error:
         raise InputError(f"{where}, {axis}: {error}") from None
+
+
+def calibrate_log_rate(
+    log: SensorMethods,
+    node: str,
+    axis: str,
+    rates_deg_s: Sequence[float],
+    table: StrPath | None,
+    settle: float,
+    min_plateau: float,
+    full_scale_deg_s: float | None,
+    latitude_deg: float | None,
+) -> RateCalibration:
+    """Return the calibration of an axis on a rate table; parameters as in `LoadedLog.calibrate_rate`."""
+    if axis not in ("x", "y", "z"):
+        raise InputError(f"axis {axis!r}: choose from x, y, z")
+    if (table is None) == (len(rates_deg_s) == 0):
+        raise InputError("the rates of the table are needed: give either table or rates_deg_s")
+    for name, value in (("settle", settle), ("min_plateau", min_plateau)):
+        if not 0.0 <= value < math.inf:
+            raise InputError(f"{name} = {value}: give a time of 0 s or more")
+    if full_scale_deg_s is not None and not 0.0 < full_scale_deg_s < math.inf:
+        raise InputError(f"full_scale_deg_s = {full_scale_deg_s}: give a rate above 0")
+    if latitude_deg is not None and not -90.0 <= latitude_deg <= 90.0:
+        raise InputError(f"latitude_deg = {latitude_deg}: give -90 to 90 degrees")
+    options = RateOptions(
+        [math.radians(rate) for rate in rates_deg_s],
+        None if table is None else read_rate_file(Path(table)),
+        settle,
+        min_plateau,
+        None if full_scale_deg_s is None else math.radians(full_scale_deg_s),
+        None if latitude_deg is None else math.radians(latitude_deg),
+    )
+    return calibrate_node_rate(log.recording.nodes[node], node, axis, str(log.path), options)
 
 
 def find_log_north(

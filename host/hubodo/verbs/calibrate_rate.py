@@ -18,12 +18,12 @@ from hubodo.calibration.file import (
     read_calibration,
     write_calibration,
 )
-from hubodo.errors import HubodoError, InputError
+from hubodo.errors import InputError
 from hubodo.log.any_log import read_log
 from hubodo.log.rate_file import read_rate_file
-from hubodo.log.units import check_node_units, si_factor
+from hubodo.log.units import si_factor
 from hubodo.progress import progress_line
-from hubodo.sensors.rate_table.calibrate import RateOptions, calibrate_rate
+from hubodo.sensors.rate_table.calibrate import RateOptions, calibrate_node_rate
 from hubodo.sensors.rate_table.result import RateCalibration
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, stated_input_format
 from hubodo.verbs.numbers import latitude, non_negative_number, positive_number
@@ -108,12 +108,8 @@ def run(args: argparse.Namespace) -> RateCalibration:
         recording = read_log(args.log, input_format=stated_input_format(args, needed=()), progress=show)
         node = choose_node(recording, args.node, args.log)
         table = recording.nodes[node]
-        where = f"{args.log}, node {node}"
-        check_node_units(table, where, [si_factor(unit)[0] for unit in args.unit])
-        try:
-            result = calibrate_rate(table.t, table["g" + args.axis], node, args.axis, options)
-        except HubodoError as error:
-            raise type(error)(f"{where}: {error}") from None
+        stated_units = [si_factor(unit)[0] for unit in args.unit]
+        result = calibrate_node_rate(table, node, args.axis, str(args.log), options, stated_units)
     stored = before.nodes.get(node, NodeCalibration()).effects
     method = f"rate table, {len(result.plateaus.rate)} plateaus of {len(result.fit.rates)} rates"
     digest, date = hash_source(args.log), datetime.now(UTC).date().isoformat()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import hubodo
+from generators.rate_table import Axis, turn_table
 from generators.table_folders import write_record
 from generators.table_record import DEG_H, Programme
 from in_process import hubodo as run
@@ -64,6 +65,36 @@ def test_a_heading_equals_that_of_the_verb(tmp_path):
     assert verb_result("heading", path, "--rest", 0, 10, "--scale-sigma", 0.02) == as_printed(result)
     assert result.track.heading[-1] == pytest.approx(np.pi / 2.0, abs=0.01)
     assert repr(result).startswith("HeadingResult(imu z: turned by +") and "<table" in result._repr_html_()
+
+
+def test_a_rate_calibration_equals_that_of_the_verb(tmp_path):
+    """Nine rates of ten seconds; with a list of rates the plateaus are those of the gyro."""
+    axis = Axis(bias=0.01, scale=0.004)
+    t, gyro, table = turn_table(np.random.default_rng(2), axis, seconds=10.0, rounds=1)
+    columns = np.column_stack([np.zeros_like(t), np.zeros_like(t), gyro])
+    accel = np.tile([0.0, 0.0, 9.81], (len(t), 1))
+    path = hubodo.from_arrays(columns, accel, t=t).save(tmp_path / "table.mcap")
+    rates = tmp_path / "rates.csv"
+    lines = [f"{at:.6f},{np.degrees(rate):.6f}" for at, rate in table]
+    rates.write_text("t,rate_deg_s\n" + "\n".join(lines) + "\n")
+    log = hubodo.open(path)
+    result = log.calibrate_rate(table=rates, latitude_deg=45.0, full_scale_deg_s=250.0)
+    words = ("calibrate", "rate", path, "--table", rates, "--latitude-deg", 45, "--full-scale-deg-s", 250)
+    printed = verb_result(*words, "-o", tmp_path / "c.toml")
+    assert {**printed, "output": ""} == as_printed(result)
+    assert repr(result).startswith("RateCalibration(imu gz: 17 plateaus") and "<table" in result._repr_html_()
+    listed = log.calibrate_rate(rates_deg_s=np.degrees(table[:, 1]))
+    assert listed.fit.scale_error.value == pytest.approx(0.004, abs=4 * listed.fit.scale_error.sigma)
+    for wrong, message in (
+        ({}, "either table or rates_deg_s"),
+        ({"rates_deg_s": [0.0], "axis": "w"}, "axis 'w'"),
+        ({"rates_deg_s": [0.0], "settle": -1.0}, "settle = -1.0"),
+        ({"rates_deg_s": [0.0], "latitude_deg": 91.0}, "latitude_deg = 91.0"),
+        ({"rates_deg_s": [0.0], "full_scale_deg_s": 0.0}, "full_scale_deg_s = 0.0"),
+        ({"rates_deg_s": [0.0, 5.0]}, "2 rates are listed, and the gyro shows 17"),
+    ):
+        with pytest.raises(hubodo.HubodoError, match=message):
+            log.calibrate_rate(**wrong)
 
 
 @pytest.mark.parametrize(

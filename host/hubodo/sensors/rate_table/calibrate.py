@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,9 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.calibration.file import Quantity
 from hubodo.earth import EARTH_RATE
-from hubodo.errors import InputError
+from hubodo.errors import HubodoError, InputError
+from hubodo.log.units import check_node_units
+from hubodo.recording import Table
 from hubodo.sensors.rate_table.fit import fit_rate_table
 from hubodo.sensors.rate_table.plateaus import plateaus_from_list, plateaus_from_table
 from hubodo.sensors.rate_table.result import RateCalibration
@@ -36,6 +38,21 @@ class RateOptions:
     min_plateau: float = 3.0
     full_scale: float | None = None
     latitude: float | None = None
+
+
+def calibrate_node_rate(
+    table: Table, node: str, axis: str, log: str, options: RateOptions, stated_units: Iterable[str] = ()
+) -> RateCalibration:
+    """Calibrate one gyro axis of a node of a log, as `calibrate_rate`; errors name log and node.
+
+    stated_units: sensors whose unit the user gave. Raises InputError if the unit is doubtful, too.
+    """
+    where = f"{log}, node {node}"
+    check_node_units(table, where, stated_units)
+    try:
+        return calibrate_rate(table.t, table["g" + axis], node, axis, options)
+    except HubodoError as error:
+        raise type(error)(f"{where}: {error}") from None
 
 
 def calibrate_rate(t: Array, gyro: Array, node: str, axis: str, options: RateOptions) -> RateCalibration:
