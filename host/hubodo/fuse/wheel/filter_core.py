@@ -178,17 +178,16 @@ class FilterCore(OutageProcessor):
 
     def _end_step(self, number: int, motion_state: MotionState, nis: float, dof: int) -> Pose:
         """Return the pose at the end of window `number`, after recording the terms of its step."""
+        inflation = self._heading_inflation.covariance
         if self.changes is not None:
-            self.newest_terms = SmoothingTerms(
-                self.changes, self.p[self.pose_columns], self._heading_inflation.covariance
-            )
+            self.newest_terms = SmoothingTerms(self.changes, self.p[self.pose_columns], inflation)
             self.changes = []
         end = (number + 1) * WINDOW_S
         covariance = self.p.take(self._pose_elements)
         x, y, heading, speed, yaw_rate = self._pick_pose(self.x)
         if not self.inertial_speed:
             self.max_speed = max(self.max_speed, abs(speed))
-        covariance[:2, :2] += self._heading_inflation.covariance
+        covariance[:2, :2] += inflation
         if self.common_scale_sigma:
             origin_x, origin_y = self._scale_origin
             covariance += common_scale_covariance(self.common_scale_sigma, x - origin_x, y - origin_y, speed)

@@ -94,7 +94,7 @@ class LaterInformation:
         covariance = rows[:, pose_columns] - rows.dot(self.matrix).dot(rows.T)
         covariance = 0.5 * (covariance + covariance.T)
         covariance[:2, :2] += terms.heading_inflation
-        return pose._replace(x=x, y=y, heading=heading, speed=speed, yaw_rate=yaw_rate, covariance=covariance)
+        return Pose(pose.t, x, y, heading, speed, yaw_rate, covariance, *pose[7:])
 
     def _add_symmetric(self, rows: Array, other: Array) -> None:
         """Add rows' other + other' rows to the matrix."""
