@@ -13,7 +13,7 @@ from hubodo.errors import InputError
 from hubodo.log.bag import METADATA_FILE, open_bag
 from hubodo.log.column_names import is_epoch
 from hubodo.log.csv_folder import Progress, find_files, read_files, read_folder
-from hubodo.log.csv_table import ForeignHeaderError
+from hubodo.log.csv_header import ForeignHeaderError
 from hubodo.log.input_limits import check_regular
 from hubodo.log.logfile import open_log
 from hubodo.log.number_file import detect_file_kind, explain_conversion

@@ -16,7 +16,6 @@ from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import count
 from pathlib import Path
 from typing import IO
 
@@ -24,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.errors import InputError
+from hubodo.log.csv_header import MAX_LINE_BYTES, explain_csv_error, parse_header, quote_name, read_header
 from hubodo.log.input_limits import MemoryBudget, file_budget, max_expanded_bytes, open_regular
 from hubodo.log.timebase import MAX_EXACT_S, format_decimal_seconds, parse_decimal_seconds
 from hubodo.recording import Table
@@ -41,10 +41,6 @@ UNREADABLE, WRONG_COLUMN_COUNT, NOT_A_NUMBER, NOT_FINITE, NOT_INCREASING, TIME_O
 MAX_TIME_S = 2.0**31
 """s; larger times do not fit a ROS time stamp and are probably in milliseconds or nanoseconds."""
 
-MAX_LINE_BYTES = 1 << 20
-"""Bytes; a longer line is not a row of numbers."""
-MAX_COLUMNS = 1000
-_MAX_PREAMBLE_LINES = 10_000  # lines of comments above the header
 _MIN_EXPANDED_BYTES = 8 << 20  # bytes to which a small gzipped file may expand
 TABLE_COPIES = 3  # copies of the numbers in memory: as read, as one array, as columns
 _MAX_SHOWN_CHARS = 80  # characters of a cell or a header in an error
@@ -70,11 +66,11 @@ def read_table(path: Path, required: Sequence[str], *, repair: bool = False) -> 
     """
     try:
         with open_regular(path) as file, _open_expanded(path, file) as stream:
-            header, line, blocks = _split_header(path, stream)
-            names = _parse_header(path, header, line, required)
+            header, line = read_header(path, stream)
+            names = parse_header(path, header, line, required)
             reader = _TableReader(path, names, repair)
             budget, room = MemoryBudget(path), file_budget(path, _max_text_bytes(path))
-            for block in blocks:
+            for block in _iterate_blocks(path, stream):
                 room.claim(len(block), "its text")
                 budget.claim(TABLE_COPIES * 8 * len(names) * block.count(b"\n"), "the table")
                 reader.feed(block, line + 1)
@@ -88,7 +84,7 @@ def read_table(path: Path, required: Sequence[str], *, repair: bool = False) -> 
 def write_table(path: Path, table: Table) -> None:
     """Write a table, each number in the shortest decimal form that reads back to the same float64."""
     with path.open("w", encoding="utf-8", newline="") as stream:
-        stream.write(",".join(_quote_name(name) for name in table) + "\n")
+        stream.write(",".join(quote_name(name) for name in table) + "\n")
         stacked = [table[name] for name in table]
         for first in range(0, len(table), 1 << 16):
             rows = np.column_stack([column[first : first + (1 << 16)] for column in stacked]).tolist()
@@ -167,7 +163,7 @@ class _TableReader:
         try:
             cells = next(csv.reader([text]))
         except csv.Error as error:
-            return [], UNREADABLE, _explain_csv_error(error)
+            return [], UNREADABLE, explain_csv_error(error)
         if len(cells) != len(self.names):
             return (
                 [],
@@ -264,24 +260,8 @@ def _max_text_bytes(path: Path) -> int:
     return max_expanded_bytes(size, _MIN_EXPANDED_BYTES) if path.suffix == ".gz" else size + 1
 
 
-def _split_header(path: Path, stream: IO[bytes]) -> tuple[str, int, Iterator[bytes]]:
-    """Return the header, its line number, and an iterator over the rest in blocks of complete lines."""
-    for number in count(1):
-        raw = stream.readline(MAX_LINE_BYTES + 1)
-        if not raw:
-            break
-        if len(raw) > MAX_LINE_BYTES or number > _MAX_PREAMBLE_LINES:
-            raise InputError(f"{path}: row {number}: no header of a table in CSV; give a file with one")
-        try:
-            text = raw.decode("utf-8-sig" if number == 1 else "utf-8").strip()
-        except UnicodeDecodeError:
-            raise InputError(f"{path}: row {number}: is not UTF-8 text; convert the file") from None
-        if text and not text.startswith("#"):
-            return text, number, _iterate_blocks(path, stream)
-    raise InputError(f"{path}: is empty; give it a header row and data, or remove it")
-
-
 def _iterate_blocks(path: Path, stream: IO[bytes]) -> Iterator[bytes]:
+    """Yield the rest of a file in blocks of complete lines."""
     partial_line = b""
     while data := stream.read(_CSV_BLOCK_BYTES):
         complete, newline, remainder = data.rpartition(b"\n")
@@ -296,29 +276,6 @@ def _iterate_blocks(path: Path, stream: IO[bytes]) -> Iterator[bytes]:
         yield partial_line + b"\n"
 
 
-class ForeignHeaderError(InputError):
-    """A header without the columns of the CSV folder, as of another program."""
-
-
-def _parse_header(path: Path, header: str, line: int, required: Sequence[str]) -> tuple[str, ...]:
-    try:
-        names = tuple(name.strip() for name in next(csv.reader([header])))
-    except csv.Error as error:
-        raise InputError(f"{path}: row {line}: {_explain_csv_error(error)}; save it again as CSV") from None
-    if len(names) > MAX_COLUMNS:
-        raise InputError(f"{path}: row {line}: {len(names)} columns, {MAX_COLUMNS} at most; split the file")
-    missing = [name for name in required if name not in names]
-    if missing:
-        raise ForeignHeaderError(
-            f"{path}: row {line}: no column {', '.join(missing)} in the header {header[:80]!r}; "
-            f"the columns must include {','.join(required)}"
-        )
-    for name, times in Counter(names).items():
-        if times > 1:
-            raise InputError(f"{path}: row {line}: column {name!r} appears twice in the header; rename one")
-    return names
-
-
 def _quote_cell(cell: str) -> str:
     """Return a cell in quotes, truncated if long."""
     cell = cell.strip()
@@ -327,16 +284,3 @@ def _quote_cell(cell: str) -> str:
         if len(cell) <= _MAX_SHOWN_CHARS
         else f"{cell[:_MAX_SHOWN_CHARS]!r}... ({len(cell)} characters)"
     )
-
-
-def _explain_csv_error(error: csv.Error) -> str:
-    text = str(error)
-    if "new-line" in text:
-        return "carriage returns without line feeds within it"
-    return "a cell longer than any number" if "field larger" in text else text
-
-
-def _quote_name(name: str) -> str:
-    if any(character in name for character in ',"#'):
-        return '"' + name.replace('"', '""') + '"'
-    return name

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from hubodo.errors import InputError
+from hubodo.log.csv_header import MAX_COLUMNS
 from hubodo.log.csv_table import (
-    MAX_COLUMNS,
     MAX_TIME_S,
     NOT_FINITE,
     NOT_INCREASING,

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hubodo.log import csv_table
-from hubodo.log.csv_table import MAX_COLUMNS, MAX_LINE_BYTES
+from hubodo.log.csv_header import MAX_COLUMNS, MAX_LINE_BYTES
 from in_process import hubodo
 
 HEAD = b"t,gx,gy,gz,ax,ay,az\n"
