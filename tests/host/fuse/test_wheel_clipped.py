@@ -80,17 +80,19 @@ def test_one_accelerometer_axis_measures_a_car_with_the_node_on_the_rim(names: t
     assert nees(drive, run) < MAX_NEES
 
 
-def test_the_wheel_angle_is_upright_once_the_gyro_is_in_range_again() -> None:
+@pytest.mark.parametrize("seed", [401, 405])
+def test_the_wheel_angle_is_upright_once_the_gyro_is_in_range_again(seed: int) -> None:
     """15 cm off the axle, halfway between both axes, at 35 m/s: nothing measures the spin for a minute.
 
     Braking ends within the range of the gyro. With an angle half a turn off the stationary car was reported
-    to slip at 18 m/s.
+    to slip at 18 m/s; with the last yaw rate for that minute the NEES was 532 (seed 405).
     """
     case = Clipped(35.0, rate_hz=208.0, track=1.4, arm=(0.106, 0.106))
-    drive = clipped_drive(case, seed := 401)
+    drive = clipped_drive(case, seed)
     run = run_wheel_filter(config(drive, ("left",), limits=case.limits), tables(drive))
     assert abs(run.track.speed[-1]) < 0.01, f"seed {seed}"
     assert not any(wheel.slip_detector.slips for wheel in run.filter.core.wheels)
+    assert nees(drive, run) < MAX_NEES
 
 
 def test_ignoring_the_gyro_limit_gives_a_wrong_distance(fast: WheelDrive) -> None:

@@ -21,7 +21,12 @@ from hubodo.fuse.wheel.entries import (
     YAW_RATE,
     StateLayout,
 )
-from hubodo.fuse.wheel.free_motion import HARD_ACCELERATION, free_motion_variances, vehicle_motion_sigmas
+from hubodo.fuse.wheel.free_motion import (
+    HARD_ACCELERATION,
+    YAW_TIME_S,
+    free_motion_variances,
+    vehicle_motion_sigmas,
+)
 from hubodo.fuse.wheel.measurements import WindowNoise, forward, zero_velocity
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.records import WheelWindows
@@ -31,6 +36,10 @@ from hubodo.fuse.wheel.window import WINDOW_S
 _SPEED_STEP_SIGMA, _YAW_RATE_STEP_SIGMA = 0.5, 0.5
 """m/s and rad/s, process noise of measured speed and yaw rate per window, so large that the measurements
 decide. Unmeasured ones follow `free_motion.py`. Estimated."""
+
+_FORGOTTEN_YAW_WINDOWS = round(YAW_TIME_S / WINDOW_S)
+"""Windows after which an unmeasured yaw rate starts again from zero: a vehicle does not drive in circles as
+long as its only wheel is beyond its range, and covariances about a circle are too thin along it."""
 
 _MAX_VEHICLE_ACCELERATION = 5.0
 """m/s², half of gravity: the limit of a good tyre on a dry road."""
@@ -135,6 +144,10 @@ class MotionPrediction:
             speed_variance += 2.0 * blind * (HARD_ACCELERATION * WINDOW_S) ** 2
         p[speed, speed] += speed_variance
         p[yaw_rate, yaw_rate] += yaw_variance
+        if blind == _FORGOTTEN_YAW_WINDOWS and not measures_yaw:
+            x[yaw_rate] = 0.0
+            reset_state(p, yaw_rate, vehicle_motion_sigmas(max_speed).yaw_rate ** 2)
+            self.reset_states.append(yaw_rate)
 
     def _integrate_force(self, x: list[float], p: Array, windows: WheelWindows, max_speed: float) -> None:
         """Propagate the speed by the forward force, with its dependence on slope, wheel angle and biases.
