@@ -4,7 +4,7 @@ The live page shows two fake nodes in real time, the recordings page the logs th
 
 `python tests/pages/screenshots.py` writes pages and screenshots into out/pages, and lists texts of low
 contrast and pages that are wider than a phone. `--only demo report` restricts it, `--update` renews the
-images of the README: demo.png and gap.png in host/images.
+images of the README: demo.png, gap.png and live.png in host/images.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from waiting import until  # noqa: E402
 FOLDER = ROOT / "out" / "pages"
 WIDTHS = {"wide": 1300, "phone": 390}
 SCHEMES = ("light", "dark")
-README_WIDTHS = {"demo": 945, "gap": 1000}
+README_WIDTHS = {"demo": 945, "gap": 1000, "live": 1295}
 MAX_README_HEIGHT = 2080
 TABLE_MODEL = "model.toml --drive turntable --latitude-deg 48 --rate 50 --force"
 CASE = f"{sys.executable} {ROOT}/tests/gap_matrix/make_case.py --effect wheel_camber --effect gyro_warmup"
@@ -69,10 +69,19 @@ COMMANDS: dict[str, tuple[str, ...]] = {
         f"hubodo simulate {TABLE_MODEL} --duration 400 --azimuth-deg 30 -o table.mcap",
         "hubodo heading table.mcap --node left --report heading.html --force",
     ),
+    "sheet": (
+        "hubodo simulate bench.toml --drive poses --duration 160 --calibration c.toml -o poses.mcap --force",
+        "hubodo sheet --still night.mcap --poses poses.mcap --node left -o sheet --force",
+    ),
     "fleet": ("hubodo batch fuse drive.mcap night.mcap -o fleet",),
 }
 """Commands that write a page, run in a folder with the files of `hubodo example`."""
-PAGES = {"demo": "demo/*/index.html", "gap": "gap/report.html", "fleet": "fleet/fleet.html"}
+PAGES = {
+    "demo": "demo/*/index.html",
+    "gap": "gap/report.html",
+    "fleet": "fleet/fleet.html",
+    "sheet": "sheet/sheet.html",
+}
 """Patterns of pages with another name than `<page>.html`; the newest file counts."""
 
 
@@ -170,6 +179,8 @@ def main() -> int:
                 page.colours("light")
                 page.size(README_WIDTHS[name], 900)
                 page.open()
+                if served:
+                    time.sleep(SETTLING_SECONDS)
                 image = ROOT / "host" / "images" / f"{name}.png"
                 capture(page, image, MAX_README_HEIGHT)
                 reduce_palette(image)

@@ -1,5 +1,6 @@
 """Data of figures and texts of pages: bins, envelopes, formats, and files of a gap result."""
 
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,7 +12,7 @@ from hubodo.gap.explain.files import check_gap_folder
 from hubodo.pages.curves import Curve, plot_curves
 from hubodo.safe_text import json_value
 from hubodo.sensors.allan.page import TERM_MEANINGS, format_duration, format_value
-from hubodo.sensors.north.page import summarise_north
+from hubodo.sensors.north.page import count_decimals, summarise_north
 from hubodo.sensors.north.result import NorthResult
 
 
@@ -55,6 +56,13 @@ def test_the_summary_of_north_states_both_azimuths_if_the_record_allows_two(othe
         48.0, np.radians(-10.0), np.radians(0.5), (SimpleNamespace(other_azimuth=other),) * gyros, (), {}
     )
     assert summarise_north(north) == f"Table zero points {text} (1σ) clockwise from north."
+
+
+@pytest.mark.parametrize(
+    ("sigma_deg", "decimals"), [(19.9, 0), (1.34, 1), (0.134, 2), (0.0021, 3), (math.inf, 0)]
+)
+def test_a_sigma_is_given_with_two_digits_at_most(sigma_deg, decimals):
+    assert count_decimals(math.radians(sigma_deg)) == decimals
 
 
 def test_non_finite_numbers_are_null():

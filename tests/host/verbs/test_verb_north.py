@@ -193,7 +193,7 @@ def test_page_and_figure_show_estimates_fit_and_what_to_do(tmp_path, capsys):
     text = page.read_text("utf-8")
     assert len(text) < 1_000_000 and not re.search(r"(src|href)=.http", text)
     for text_part in (
-        f"{result['azimuth_deg']:.2f}°",
+        f"{result['azimuth_deg']:.1f}° ± {result['sigma_deg']:.1f}° (1σ)",
         "maximum likelihood",
         "nearest",
         "<svg",

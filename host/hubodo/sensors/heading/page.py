@@ -68,13 +68,16 @@ def score_rows(result: HeadingResult) -> list[tuple[str, ...]]:
 def heading_sections(result: HeadingResult) -> list[Section]:
     """Return the sections of a page: heading, errors, inputs and bias."""
     noise, track = result.noise, result.track
+    warmup = [
+        ("warm-up C1", f"{result.warmup.c1:+.3g} rad/s"),
+        ("warm-up time constant", f"{result.warmup.time_constant:.4g} s"),
+    ]
     inputs = [
         ("standstills", describe_spans(result.standstills)),
         ("angle random walk N", f"{noise.angle_random_walk:.3g} rad/√s"),
         ("bias instability B", f"{noise.bias_instability:.3g} rad/s"),
         ("rate random walk K", f"{noise.rate_random_walk:.3g} rad/s/√s"),
-        ("warm-up C1", f"{result.warmup.c1:+.3g} rad/s"),
-        ("warm-up time constant", f"{result.warmup.time_constant:.4g} s"),
+        *(warmup if result.warmup.c1 else [("warm-up", "not modelled")]),
         ("scale factor, 1σ", f"{result.scale_sigma:.3g}"),
         ("lag", f"{result.lag:.3g} s"),
         ("gaps", str(len(track.gaps))),
@@ -83,7 +86,7 @@ def heading_sections(result: HeadingResult) -> list[Section]:
     sections = [
         Section(
             "Heading",
-            " ".join(f"{note}." for note in result.notes),
+            " ".join(f"{note[0].upper()}{note[1:]}." for note in result.notes),
             [PageTable(rows[0], rows[1:])],
             [_heading_plot(result)],
         )

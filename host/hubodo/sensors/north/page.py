@@ -25,7 +25,15 @@ _MEAN_COLOUR, _GRID_COLOUR, _FIT_COLOUR, _POINT_COLOUR = "#1d2126", "#d8dce0", "
 
 def summarise_north(result: NorthResult) -> str:
     """Return the result in one sentence."""
-    return f"Table zero points {result.describe_azimuth(2)} (1σ) clockwise from north."
+    azimuth = result.describe_azimuth(count_decimals(result.sigma))
+    return f"Table zero points {azimuth} (1σ) clockwise from north."
+
+
+def count_decimals(sigma: float) -> int:
+    """Return the decimals of degrees that show two digits of a sigma in rad, 3 at most."""
+    if not 0.0 < sigma < math.inf:
+        return 0
+    return min(max(1 - math.floor(math.log10(sigma * _DEG)), 0), 3)
 
 
 def north_sections(result: NorthResult) -> list[Section]:
@@ -80,6 +88,8 @@ def north_figure(estimate: NorthEstimate, title: str) -> Any:
     order = np.argsort(offset)
     lower.plot((centre + offset[order]) * _DEG, density[order], color=_FIT_COLOUR)
     lower.set_xlim((centre - half_width) * _DEG, (centre + half_width) * _DEG)
+    if half_width == math.pi:
+        lower.xaxis.set_major_formatter(lambda degrees, _: f"{degrees % 360.0:.0f}")
     lower.set_xlabel("azimuth of table zero, °")
     lower.set_ylabel("probability density, 1/°")
     for axes in (upper, middle, lower):
@@ -110,7 +120,8 @@ def describe_white_bound(estimate: NorthEstimate) -> str:
     """Return a phrase with the azimuth sigma that white noise alone would give."""
     if not math.isfinite(estimate.white_bound):
         return "with stops along a line to north or south there is no Cramér-Rao bound"
-    return f"white noise alone would give {estimate.white_bound * _DEG:.3f}°"
+    decimals = count_decimals(estimate.white_bound)
+    return f"white noise alone would give {estimate.white_bound * _DEG:.{decimals}f}°"
 
 
 def explain_sigma_below_bound(estimate: NorthEstimate) -> str:
@@ -133,9 +144,14 @@ def explain_sigma_below_bound(estimate: NorthEstimate) -> str:
 
 
 def _bound_text(estimate: NorthEstimate) -> str:
-    text = f"Sigma is {estimate.sigma * _DEG:.2f}°, including the uncertainty of the noise parameters. "
+    decimals = count_decimals(estimate.sigma)
+    text = (
+        f"Sigma is {estimate.sigma * _DEG:.{decimals}f}°, including the uncertainty of the noise parameters. "
+    )
     if math.isfinite(estimate.bound):
-        text += f"The Cramér-Rao bound for this noise and these stops is {estimate.bound * _DEG:.2f}°; "
+        text += (
+            f"The Cramér-Rao bound for this noise and these stops is {estimate.bound * _DEG:.{decimals}f}°; "
+        )
     text += f"{describe_white_bound(estimate)}."
     if explanation := explain_sigma_below_bound(estimate):
         text += f" {explanation[0].upper()}{explanation[1:]}."
