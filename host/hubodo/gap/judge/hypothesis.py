@@ -178,13 +178,15 @@ def _weigh_objections(
         return hypothesis.with_objection("does not help on samples to which it was not fitted")
     is_correlated = tempering > MIN_CORRELATED_TEMPERING
     chance = _MIN_CORRELATED_GAIN * tempering if is_correlated else 0.0
-    if term.effect.varies_between_drives:
-        is_chance = hypothesis.is_within_level and held_out_gain.total < chance
-        return hypothesis.with_objection(_DOUBTFUL_CORRELATION) if is_chance else hypothesis
     if not term.effect.name.startswith(PREFIX):
         max_doubt = max(MODEL_IMPRECISION**2 * baseline.model_gain, chance)
         hypothesis = replace(hypothesis, held_out_gain=replace(held_out_gain, max_doubt=max_doubt))
-    return hypothesis.with_objection(DOUBTFUL_LEVEL) if hypothesis.is_within_level else hypothesis
+    if not hypothesis.is_within_level:
+        return hypothesis
+    if not term.effect.varies_between_drives:
+        return hypothesis.with_objection(DOUBTFUL_LEVEL)
+    is_chance = held_out_gain.total < chance
+    return hypothesis.with_objection(_DOUBTFUL_CORRELATION) if is_chance else hypothesis
 
 
 def _plausible_share(term: ModelTerm, information: Array) -> float:
