@@ -80,6 +80,8 @@ def characterise_noise(
             f"{count} samples ({record.duration:.3g} s) are too few for an Allan deviation with error bars; "
             f"record at least {_MIN_SAMPLES} samples, and some hours for bias instability"
         )
+    # Steps that hide the noise are refused before the fit, whose deviations may be zero.
+    coarse = _describe_coarse_steps(values, channel)
     present = None if record.missing == 0 else record.present
     factors = averaging_factors(count, per_octave)
     points = allan_deviation(record.values, record.dt, factors, present)
@@ -93,7 +95,6 @@ def characterise_noise(
     cause = _cause_of_step(record, temperature_step, channel)
     if cause:
         fit = _without_terms(fit, cause, ("B", "K", "R"), "slow terms would measure that step")
-    coarse = _describe_coarse_steps(values, channel)
     if coarse:
         fit = _without_terms(fit, coarse, TERMS, "the deviation is that of the rounding, not of the sensor")
     edf = _equivalent_dof(points, fit)

@@ -70,12 +70,15 @@ def divide_quiet_segments(t: Array, rate: Array, spans: list[tuple[int, int]]) -
 def _block_noise(means: Array, samples: Array, width: int) -> float:
     """Return the sigma of a block mean, from differences of neighbours or, with few blocks, from samples.
 
-    The scatter is that within blocks, as a span may hold several rates.
+    The scatter is that within blocks, as a span may hold several rates, or that of rounding to steps.
     """
     count = len(samples) // width
     blocks = samples[: count * width].reshape(count, width)
     scatter = np.median(blocks.std(axis=1, ddof=1)) if width > 1 else np.diff(samples).std() / np.sqrt(2.0)
-    white = float(scatter / np.sqrt(width))
+    changes = np.abs(np.diff(samples))
+    step = float(np.min(changes, initial=np.inf, where=changes > 0.0))
+    rounding = step / np.sqrt(12.0) if np.isfinite(step) else 0.0
+    white = max(float(scatter), rounding) / float(np.sqrt(width))
     if len(means) < 8:
         return max(white, 1e-12)
     steps = np.abs(np.diff(means))

@@ -230,7 +230,11 @@ def _calibrate_gyro(
         bias, bias_covariance, g_sensitivity, g_sigma = estimate_static_bias(
             standstills.gyro - earth.rates, standstills.gyro_sigma, force
         )
-        bias_covariance = bias_covariance + earth.mean_covariance
+        design = np.ones((len(force), 1))
+        if g_sensitivity is not None:
+            design = np.column_stack([design, force])
+        noise_variance = (standstills.gyro_sigma**2).mean(axis=0)
+        bias_covariance = earth.bias_covariance(bias_covariance, design, noise_variance)
         if g_sigma is not None and latitude is None:
             # The vertical Earth rate is proportional to gravity, like an equal g-sensitivity of all axes.
             g_sigma = np.hypot(g_sigma, np.eye(3) * EARTH_RATE / np.sqrt(3) / STANDARD_GRAVITY)

@@ -33,15 +33,37 @@ class EarthInTurns:
 
     Attributes:
         turns: the turns with their derivatives by the horizontal Earth rate.
-        rates: (R, 3) Earth rate in node axes, rad/s.
-        mean_covariance: (3, 3) of the mean of `rates`.
+        columns, unknowns, covariance: (R, 3, U) derivatives of the Earth rate in node axes by the unknowns,
+            their values (U,), rad/s, and covariance.
         horizontal: horizontal Earth rate of the longest section, rad/s, and its 1σ.
     """
 
     turns: Turns
-    rates: Array
-    mean_covariance: Array
+    columns: Array
+    unknowns: Array
+    covariance: Array
     horizontal: tuple[float, float]
+
+    @property
+    def rates(self) -> Array:
+        """Return the (R, 3) Earth rates in node axes, rad/s."""
+        return np.asarray(self.columns @ self.unknowns)
+
+    def bias_covariance(self, static: Array, design: Array, floor: Array) -> Array:
+        """Return the (3, 3) covariance of a bias, with the errors of the Earth rate in their place.
+
+        static: (3, 3) diagonal covariance by the scatter of the standstills, which these errors increase as
+        well. design: (R, P) columns of the regression whose first coefficient is the bias. floor: (3,)
+        variance by noise alone.
+        """
+        inverse = np.linalg.pinv(design)
+        dof = len(design) - design.shape[1]
+        effect = np.einsum("r,rku->ku", inverse[0], self.columns)
+        residual = self.columns - np.einsum("rs,sku->rku", design @ inverse, self.columns)
+        scatter = np.einsum("rku,uv,rkv->k", residual, self.covariance, residual) / dof
+        scatter *= float(inverse[0] @ inverse[0])
+        noise = np.maximum(np.diag(static) - scatter, floor * float(inverse[0] @ inverse[0]))
+        return np.asarray(np.diag(noise) + effect @ self.covariance @ effect.T)
 
 
 def estimate_earth_in_turns(turns: Turns, bias_sigma: Array, latitude: float | None) -> EarthInTurns:
@@ -63,10 +85,7 @@ def estimate_earth_in_turns(turns: Turns, bias_sigma: Array, latitude: float | N
     covariance = np.zeros((len(unknowns), len(unknowns)))
     covariance[:-1, :-1] = calibration.earth_covariance
     covariance[-1, -1] = EARTH_RATE**2 / 3.0 if latitude is None else 0.0
-    mean = columns.mean(axis=0)
-    return EarthInTurns(
-        turns, columns @ unknowns, mean @ covariance @ mean.T, _horizontal_rate(calibration, section)
-    )
+    return EarthInTurns(turns, columns, unknowns, covariance, _horizontal_rate(calibration, section))
 
 
 def _propagate_attitudes(turns: Turns, matrix: Array, change: Array) -> tuple[Array, NDArray[np.int64]]:
