@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+
 from fakes.fake_node import FakeNode
 from generators.fake_drive import VEHICLE_TOML, raw_rows, short_drive
 from waiting import until
@@ -37,7 +39,8 @@ class RecorderWithPage:
         self.nodes = [
             FakeNode(
                 node_id=number,
-                rate_hz=RATE_HZ,
+                # Each sensor samples by its own oscillator; at another rate the wheels would drift apart.
+                rate_hz=float(1.0 / np.mean(np.diff(drive.nodes[name].t))),
                 rows=raw_rows(drive, name) * repeats,
                 bias_q12=(900, -1400, 600),
                 serial=f"FAKE000{number}".encode(),
