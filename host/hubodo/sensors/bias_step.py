@@ -9,7 +9,7 @@ import numpy as np
 from hubodo.arrays import Array
 
 _BLOCKS, _WINDOWS = 320, (4, 8, 16)
-"""Number of means of the record, and of those before and after a step that are compared."""
+"""Number of means of the record; numbers of means compared before and after a step."""
 _MIN_STEP_SIGMA = 6.0
 """Difference of adjacent means, relative to its usual size in the record, from which it is a step.
 

@@ -34,8 +34,8 @@ MAX_MISSING_SHARE = 0.5
 """Share of a window without samples from which on the window is not used at all. Estimated."""
 
 _MIN_IN_RANGE_WINDOWS = 5
-"""Last windows of those gathered for the angle that are used alone if the gyro is in range in them: half a
-second, in which a wheel at the range of a usual gyro turns twice."""
+"""Newest windows from which the angle is initialised if their gyro is in range: half a second, in which a
+wheel at the range of a usual gyro turns twice. Older windows are then not used."""
 
 MAX_ANGLE_ERROR = GATE_SIGMA * WHEEL_ANGLE.prior
 """rad; a wheel angle is unknown beyond it, as change of the direction of gravity or as sigma: the prior is
