@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from hubodo.sensors.north.result import NorthResult
     from hubodo.sensors.rate_table.result import RateCalibration
     from hubodo.sensors.warmup.result import WarmupResult
+    from hubodo.unit_systems import display_units
     from hubodo.vehicle import NodeMount, Vehicle
 
 _NAMES_OF_MODULE = {
@@ -48,6 +49,7 @@ _NAMES_OF_MODULE = {
     "hubodo.api.simulate": ("simulate",),
     "hubodo.api.track": ("FusedTrack",),
     "hubodo.calibration.file": ("Calibration",),
+    "hubodo.unit_systems": ("display_units",),
     "hubodo.errors": ("CalibrationError", "ConfigError", "HubodoError", "InputError", "LogError"),
     "hubodo.fuse.track": ("Score",),
     "hubodo.gap.explain.result": ("Finding",),
@@ -88,6 +90,7 @@ __all__ = [  # noqa: RUF022 - in the order of the reference
     "MissingEffects",
     "Finding",
     "Plot",
+    "display_units",
     "Vehicle",
     "NodeMount",
     "load_vehicle",

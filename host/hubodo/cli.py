@@ -20,6 +20,7 @@ from hubodo.errors import CalibrationError, ConfigError, HubodoError, InputError
 from hubodo.ingest.stop_signals import exit_after_timeout, exit_on_ctrl_c
 from hubodo.log.input_limits import memory_limit
 from hubodo.safe_text import json_text, printable
+from hubodo.unit_systems import display_units
 from hubodo.verbs import VERBS, load_verb
 from hubodo.verbs.outputs import replace_outputs
 from hubodo.verbs.parser import EXIT_REFUSED, Parser, UsageError
@@ -115,12 +116,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else EXIT_REFUSED
     try:
-        with memory_limit(getattr(args, "max_memory", None)), replace_outputs(args):
-            result: Result | None = args.run(args)
-        code = EXIT_FAILED if _reports_failure(result) else EXIT_OK
-        if result is not None:
-            with exit_after_timeout(getattr(result, "OUTPUT_DEADLINE", None), code):
-                _print_unless_closed(result, as_json=args.json)
+        with display_units(getattr(args, "units", None)):
+            with memory_limit(getattr(args, "max_memory", None)), replace_outputs(args):
+                result: Result | None = args.run(args)
+            code = EXIT_FAILED if _reports_failure(result) else EXIT_OK
+            if result is not None:
+                with exit_after_timeout(getattr(result, "OUTPUT_DEADLINE", None), code):
+                    _print_unless_closed(result, as_json=args.json)
         return code
     except BrokenPipeError:
         # The reader of the output (head, less) has exited.

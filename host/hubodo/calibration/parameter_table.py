@@ -6,21 +6,10 @@ import math
 from collections.abc import Iterator, Mapping
 
 from hubodo.calibration.file import Quantity
-from hubodo.earth import STANDARD_GRAVITY
 from hubodo.effects import BY_NAME
+from hubodo.unit_systems import PARAMETER_UNITS, unit_system
 
 EffectParameters = Mapping[str, Mapping[str, Quantity]]
-PARAMETER_HEADINGS = (
-    "effect", "parameter", "value ± 1σ", "unit", "in common units", "significance", "meaning"
-)  # fmt: skip
-COMMON_UNITS = {
-    "rad/s": (math.degrees(3600.0), "°/h"),
-    "m/s²": (1e3 / STANDARD_GRAVITY, "mg"),
-    "rad": (math.degrees(60.0), "arc-min"),
-    "1": (1e6, "ppm"),
-    "m": (1e3, "mm"),
-}
-"""Factor and unit common in data sheets and test reports, by SI unit."""
 SIGNIFICANT_SIGMA = 3.0
 _MAX_SHOWN_SIGMA = 100.0
 
@@ -37,30 +26,31 @@ def format_with_sigma(value: float, sigma: float) -> str:
     return f"({value / scale:+z.{digits}f} ± {sigma / scale:.{digits}f})e{exponent}"
 
 
+def parameter_headings() -> tuple[str, ...]:
+    """Return the headings of `parameter_rows`; a chosen system of units has one column of values."""
+    both = ("in common units",) if unit_system() is None else ()
+    return ("effect", "parameter", "value ± 1σ", "unit", *both, "significance", "meaning")
+
+
 def parameter_rows(effects: EffectParameters) -> Iterator[tuple[str, ...]]:
-    """Yield a row of PARAMETER_HEADINGS for each parameter; only an effect's first has the meaning."""
+    """Yield a row of `parameter_headings` for each parameter; only an effect's first has the meaning."""
     for name, parameters in effects.items():
         meaning = BY_NAME[name].meaning if name in BY_NAME else ""
         for parameter, quantity in parameters.items():
             unit = BY_NAME[name].unit(parameter) if name in BY_NAME else ""
             ratio = abs(quantity.value) / quantity.sigma if quantity.sigma > 0.0 else math.inf
             shown = f"{ratio:.1f} σ" if ratio < _MAX_SHOWN_SIGMA else f"> {_MAX_SHOWN_SIGMA:.0f} σ"
-            value = format_with_sigma(quantity.value, quantity.sigma)
-            yield (
-                name,
-                parameter,
-                value,
-                "ratio" if unit == "1" else unit,
-                _in_common_unit(quantity, unit),
-                shown,
-                meaning,
-            )
+            yield (name, parameter, *_values(quantity, unit), shown, meaning)
             meaning = ""
 
 
-def _in_common_unit(quantity: Quantity, unit: str) -> str:
-    """Return value and sigma in the common unit; "" for a unit that has none."""
-    if unit not in COMMON_UNITS:
-        return ""
-    factor, name = COMMON_UNITS[unit]
-    return f"{format_with_sigma(quantity.value * factor, quantity.sigma * factor)} {name}"
+def _values(quantity: Quantity, unit: str) -> tuple[str, ...]:
+    """Return value with sigma, its unit, and both in the common unit; only one of them if it was chosen."""
+    si = format_with_sigma(quantity.value, quantity.sigma), "ratio" if unit == "1" else unit
+    common = PARAMETER_UNITS.get(unit)
+    if unit_system() == "si" or (common is None and unit_system() is not None):
+        return si
+    if common is None:
+        return (*si, "")
+    value = format_with_sigma(quantity.value * common.factor, quantity.sigma * common.factor)
+    return (value, common.common) if unit_system() == "common" else (*si, f"{value} {common.common}")

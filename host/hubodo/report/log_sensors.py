@@ -16,7 +16,7 @@ from hubodo.sensors.allan.characterise import characterise_noise
 from hubodo.sensors.allan.ieee952 import term_units
 from hubodo.sensors.allan.page import allan_sections, format_duration, format_value, summarise_allan
 from hubodo.sensors.imu.calibrate import calibrate_imu
-from hubodo.sensors.imu.page import format_held_out, imu_sections
+from hubodo.sensors.imu.page import format_gravity_error, imu_sections
 from hubodo.sensors.imu.standstills import find_standstills
 from hubodo.sensors.standstill_channel import interpolate_temperature
 from hubodo.sensors.standstill_checks import (
@@ -239,7 +239,7 @@ def _poses(
     count = len(result.standstills or ())
     facts.append(
         f"{name}: calibrated from {count} standstills in different poses; norm of gravity "
-        f"{format_held_out(result.accel_held_out, 'm/s²')}"
+        f"{format_gravity_error(result.accel_held_out)}"
     )
     return [
         Section(f"{name}: {section.title}", section.text, section.tables, section.figures)

@@ -6,7 +6,7 @@ import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hubodo.calibration.parameter_table import PARAMETER_HEADINGS
+from hubodo.calibration.parameter_table import parameter_headings
 from hubodo.pages.drawing import render_drawing
 from hubodo.pages.page import PageTable, Section, render_page
 from hubodo.sensors.allan.figure import allan_figure
@@ -15,10 +15,11 @@ from hubodo.sensors.allan.page import comparison_table
 from hubodo.sensors.allan.result import AllanResult
 from hubodo.sensors.imu.page import imu_verdict, parameter_rows
 from hubodo.sensors.imu.result import ImuCalibration
-from hubodo.sensors.warmup.page import PARAMETER_HEADINGS as WARMUP_HEADINGS
+from hubodo.sensors.warmup.page import parameter_headings as warmup_headings
 from hubodo.sensors.warmup.page import parameter_rows as warmup_rows
 from hubodo.sensors.warmup.page import summarise_warmup
 from hubodo.sensors.warmup.result import WarmupResult
+from hubodo.unit_systems import unit_system
 
 RECORD_HEADINGS = ("record", "file", "SHA-256", "duration, s", "rate, Hz", "temperature, °C")
 
@@ -79,7 +80,8 @@ class SensorSheet:
 
     def html(self) -> str:
         """Return the sheet as a page whose print-out has two sides."""
-        lead = "1σ throughout. Noise terms of IEEE 952 in common units."
+        units = "SI units" if unit_system() == "si" else "common units"
+        lead = f"1σ throughout. Noise terms of IEEE 952 in {units}."
         sections = [
             Section("Sensor", tables=[PageTable(("", ""), self.identity)]),
             Section(
@@ -108,7 +110,7 @@ class SensorSheet:
                 summarise_warmup(it),
                 []
                 if it.accepted is None
-                else [PageTable(WARMUP_HEADINGS, warmup_rows(it.accepted, it.sigma))],
+                else [PageTable(warmup_headings(), warmup_rows(it.accepted, it.sigma))],
                 starts_page=number == 0,
             )
             for number, it in enumerate(self.warmups)
@@ -121,7 +123,7 @@ class SensorSheet:
         text = imu_verdict(it)
         # The meanings are left out, because they would make each row two lines high.
         rows = [row[:-1] for row in parameter_rows(it)]
-        table = PageTable(PARAMETER_HEADINGS[:-1], rows)
+        table = PageTable(parameter_headings()[:-1], rows)
         return [Section("Calibration", text, [table], starts_page=not self.warmups)]
 
     def _files_section(self) -> list[Section]:

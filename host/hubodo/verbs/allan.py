@@ -55,7 +55,7 @@ class AllanComparison:
     def render(self, console: Console) -> None:
         """Print one row for each channel and each data sheet."""
         table = comparison_table(_named(self.sensors), self.sheets)
-        print_table(console, table.headings, table.rows, "common units, ± 1σ")
+        print_table(console, table.headings, table.rows, "± 1σ")
         for sensor in self.sensors:
             print_lines(console, sensor.notes, label=f"note: {sensor.name}")
 

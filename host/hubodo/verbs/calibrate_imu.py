@@ -30,7 +30,7 @@ from hubodo.sensors.imu.pose_means import calibrate_pose_means
 from hubodo.sensors.imu.result import ImuCalibration
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, channel_numbers, stated_input_format
 from hubodo.verbs.numbers import latitude, positive_number
-from hubodo.verbs.outputs import add_calibration_output, add_force_option, html_path
+from hubodo.verbs.outputs import add_calibration_output, add_force_option, add_units_option, html_path
 from hubodo.verbs.standstill import choose_node
 
 HELP = "bias, scale and cross-axis terms of accelerometer and gyro, from nine or more static poses"
@@ -84,6 +84,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_force_option(parser, "report")
     add_calibration_output(parser)
+    add_units_option(parser)
 
 
 def run(args: argparse.Namespace) -> ImuCalibration:

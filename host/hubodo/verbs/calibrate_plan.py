@@ -11,6 +11,7 @@ from hubodo.sensors.imu.pose_plan import PosePlan, plan_poses
 from hubodo.sensors.north.drift import DriftNoise
 from hubodo.sensors.north.plan import read_drift_noise
 from hubodo.verbs.numbers import non_negative_number, positive_number
+from hubodo.verbs.outputs import add_units_option
 
 HELP = "plan the poses of an accelerometer calibration: which, how long, and to what sigma"
 EXAMPLE = "hubodo calibrate plan --noise-density 0.002 --bias-sigma 0.005"
@@ -38,6 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--turn", type=non_negative_number, default=5.0, help="time from pose to pose, s (default 5)"
     )
+    add_units_option(parser)
 
 
 def run(args: argparse.Namespace) -> PosePlan:

@@ -27,7 +27,7 @@ from hubodo.sensors.rate_table.calibrate import RateOptions, calibrate_node_rate
 from hubodo.sensors.rate_table.result import RateCalibration
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, stated_input_format
 from hubodo.verbs.numbers import latitude, non_negative_number, positive_number
-from hubodo.verbs.outputs import add_calibration_output
+from hubodo.verbs.outputs import add_calibration_output, add_units_option
 from hubodo.verbs.standstill import choose_node
 
 HELP = "scale, asymmetry, nonlinearity and hysteresis of a gyro axis, from the rates of a rate table"
@@ -76,6 +76,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "off the bias",
     )
     add_calibration_output(parser)
+    add_units_option(parser)
 
 
 def run(args: argparse.Namespace) -> RateCalibration:

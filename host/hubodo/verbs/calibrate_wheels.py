@@ -42,7 +42,7 @@ from hubodo.verbs.log_options import (
     stored_vehicle,
 )
 from hubodo.verbs.numbers import bounded_number
-from hubodo.verbs.outputs import add_calibration_output, add_force_option, html_path
+from hubodo.verbs.outputs import add_calibration_output, add_force_option, add_units_option, html_path
 
 HELP = "wheel radius, lever arm, spin-axis tilt, biases, scales and track, from a drive with truth or GNSS"
 EXAMPLE = "hubodo calibrate wheels drive.mcap --vehicle vehicle.toml -o calibration.toml"
@@ -68,6 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"{VEHICLE_HELP}; default: the vehicle that the log carries",
     )
     add_calibration_output(parser)
+    add_units_option(parser)
     for name, quantity in (
         ("radius", "a wheel's radius"),
         ("track", "the track width"),

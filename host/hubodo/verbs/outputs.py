@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from hubodo.errors import InputError
+from hubodo.unit_systems import UNIT_SYSTEMS, parse_unit_system
 
 _OUTPUT_DESTINATIONS = "output_destinations"
 _PAGE_SUFFIXES = (".html", ".htm")
@@ -38,6 +39,24 @@ def add_calibration_output(parser: argparse.ArgumentParser) -> None:
         metavar="TOML",
         help="calibration file to create or extend",
     )
+
+
+def add_units_option(parser: argparse.ArgumentParser) -> None:
+    """Add --units, which `cli` applies to the tables and pages of a verb."""
+    parser.add_argument(
+        "--units",
+        type=_unit_system,
+        metavar="|".join(UNIT_SYSTEMS),
+        help="units of tables and pages: common (°/h, °/√h, mg, ppm, arc-min) or si (default: as each table "
+        "has them, often both); --json is in SI units",
+    )
+
+
+def _unit_system(text: str) -> str:
+    try:
+        return parse_unit_system(text)
+    except InputError as error:
+        raise argparse.ArgumentTypeError(f"{error}; the unit of a file is --unit") from None
 
 
 def add_force_option(

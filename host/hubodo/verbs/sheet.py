@@ -33,7 +33,7 @@ from hubodo.sensors.warmup.characterise import characterise_standstill_warmup
 from hubodo.verbs.calibrate_imu import calibrated_effects
 from hubodo.verbs.log_options import add_log_options, stated_input_format
 from hubodo.verbs.numbers import latitude, non_negative_number, positive_number
-from hubodo.verbs.outputs import add_force_option
+from hubodo.verbs.outputs import add_force_option, add_units_option
 from hubodo.verbs.standstill import read_node
 from hubodo.verbs.warmup import extend_calibration
 
@@ -116,6 +116,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FOLDER",
         help=f"folder to write {SHEET}, {KALIBR} and {CALIBRATION} into",
     )
+    add_units_option(parser)
     add_force_option(parser, "output", own_files=(SHEET, KALIBR, CALIBRATION))
 
 

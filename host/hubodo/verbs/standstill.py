@@ -16,7 +16,7 @@ from hubodo.recording import Recording
 from hubodo.sensors.standstill_channel import IMU_CHANNELS, StandstillRecord, read_standstill_channel
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_nodes, split_units, stated_input_format
 from hubodo.verbs.numbers import bounded_number
-from hubodo.verbs.outputs import add_force_option, html_path
+from hubodo.verbs.outputs import add_force_option, add_units_option, html_path
 
 _DEFAULT_FORM = InputFormat()
 
@@ -41,7 +41,8 @@ def add_selection_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_page_options(parser: argparse.ArgumentParser, figure_help: str, *outputs: str) -> None:
-    """Add --figure, --report and --force; outputs: further options of files that --force replaces."""
+    """Add --units, --figure, --report and --force; outputs: further options that --force replaces."""
+    add_units_option(parser)
     parser.add_argument("--figure", type=parse_drawing_path, metavar="PNG", help=figure_help)
     parser.add_argument("--report", type=html_path, metavar="HTML", help="write a self-contained page")
     add_force_option(parser, "figure", "report", *outputs)

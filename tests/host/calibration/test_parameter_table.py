@@ -3,7 +3,7 @@
 import pytest
 
 from hubodo.calibration.file import Quantity
-from hubodo.calibration.parameter_table import PARAMETER_HEADINGS, format_with_sigma, parameter_rows
+from hubodo.calibration.parameter_table import format_with_sigma, parameter_headings, parameter_rows
 
 
 @pytest.mark.parametrize(
@@ -24,7 +24,7 @@ def test_value_and_sigma_are_rounded_to_the_second_digit_of_sigma(value, sigma, 
 def test_a_row_has_unit_significance_and_the_meaning_once():
     effects = {"gyro_bias": {"x": Quantity(0.01, 0.001), "y": Quantity(0.0, 0.001)}}
     first, second = parameter_rows(effects)
-    assert len(first) == len(PARAMETER_HEADINGS)
+    assert len(first) == len(parameter_headings())
     assert first[3] == "rad/s" and first[5] == "10.0 σ" and second[5] == "0.0 σ"
     assert first[6] == "the gyro reads an offset" and second[6] == ""
 

@@ -60,27 +60,30 @@ RUNS: tuple[Run, ...] = (
     *_logs("allan"),
     Run(
         f"allan rest.mcap --node left --channel gx --force {_STILL} --datasheet MPU-6050 --turn 3 "
-        "--per-octave 2 --figure out-{n}.svg --report out-{n}.html"
+        "--per-octave 2 --figure out-{n}.svg --report out-{n}.html --units common"
     ),
     Run("allan rest.mcap --node left --as-is"),
     Run("allan rest.mcap --node left --kalibr out-{n}.yaml --imu-filter out-{n}-filter.yaml"),
     *_logs("warmup", "", 2, "too short for a warm-up"),
     Run(
         f"warmup rest.mcap --node left --channel gx --force {_STILL} --age 1 --at 60 -o out-{{n}}.toml "
-        "--figure out-{n}.svg --report out-{n}.html",
+        "--figure out-{n}.svg --report out-{n}.html --units common",
         2,
         "too short for a warm-up",
     ),
     *_logs("calibrate imu", "--node left -o out-{n}.toml", 2),
     Run(
         "calibrate imu poses.mcap --node left --gravity 9.81 --latitude-deg 48 --convention x-first "
-        "--min-rest 0.5 --force --report out-{n}.html -o out-{n}.toml"
+        "--min-rest 0.5 --force --report out-{n}.html -o out-{n}.toml --units common"
     ),
     Run(
         "calibrate rate turned.csv --node turned --unit rad/s --table rates.csv --settle 0.5 "
-        "--full-scale-deg-s 250 --latitude-deg 48 -o out-{n}.toml"
+        "--full-scale-deg-s 250 --latitude-deg 48 -o out-{n}.toml --units si"
     ),
-    Run("calibrate plan --noise-density 0.002 --bias-instability 1e-4 --bias-sigma 0.002 --turn 3 --json"),
+    Run(
+        "calibrate plan --noise-density 0.002 --bias-instability 1e-4 --bias-sigma 0.002 --turn 3 --units si"
+    ),
+    Run("calibrate plan --noise-density 0.002 --json"),
     Run("calibrate plan --allan missing.json", 1, "missing.json"),
     *_logs("calibrate rate", "--axis x --rates-deg-s=0,50 -o out-{n}.toml", 2),
     Run(
@@ -98,14 +101,14 @@ RUNS: tuple[Run, ...] = (
     *_logs("sheet --still", "-o out-{n}"),
     Run(
         "sheet --poses poses.mcap --warmup rest.mcap --age 1 --node left --gravity 9.81 --latitude-deg 48 "
-        "--force -o out-{n}",
+        "--force -o out-{n} --units si",
         2,
         "too short for a warm-up",
     ),
     *_logs("calibrate wheels", "--vehicle vehicle.toml -o out-{n}.toml", 2),
     Run(
         "calibrate wheels drive.mcap --vehicle vehicle.toml -o out-{n}.toml --radius-sigma 0.03 "
-        "--track-sigma 0.04 --scale-sigma 0.02 --report out-{n}.html --force"
+        "--track-sigma 0.04 --scale-sigma 0.02 --report out-{n}.html --force --units si"
     ),
     *_logs("north", "--latitude-deg 48", 2),
     Run(
@@ -113,7 +116,7 @@ RUNS: tuple[Run, ...] = (
         "--find-stops --force --step-deg 90 --scale-sigma 0.02 --calibration calibration.toml "
         "--figure out-{n}.svg --report out-{n}.html",
     ),
-    Run("north rest.mcap --latitude-deg 48 --node left --plan --sigma-deg 2 --turn 3"),
+    Run("north rest.mcap --latitude-deg 48 --node left --plan --sigma-deg 2 --turn 3 --units si"),
     Run("north --latitude-deg 48 --plan --allan allan.json"),
     Run("north rest.mcap --latitude-deg 48 --node left --simulate-azimuth-deg 20 --stop 1 --stops 4", 2),
     Run(
@@ -125,7 +128,8 @@ RUNS: tuple[Run, ...] = (
     *_logs("heading", "-o out-{n}.csv", bag=2),
     Run(
         "heading upright.mcap --force --node numbers --allan allan.json --age 10 --rest 0 1 "
-        "--scale-sigma 0.02 --lag 0.01 --step 0.2 -o out-{n}.csv --figure out-{n}.svg --report out-{n}.html"
+        "--scale-sigma 0.02 --lag 0.01 --step 0.2 -o out-{n}.csv --figure out-{n}.svg --report out-{n}.html "
+        "--units si"
     ),
     Run(
         "heading rest.mcap --node left --axis x --calibration calibration.toml -o out-{n}.csv", 2, "vertical"
@@ -133,7 +137,7 @@ RUNS: tuple[Run, ...] = (
     *_logs("filters"),
     Run(
         "filters drive.mcap --node left --reference reference.speed --rest 0 1 --start 0 --end 20 "
-        "--figure out-{n}.svg --report out-{n}.html"
+        "--figure out-{n}.svg --report out-{n}.html --units si"
     ),
     Run("filters rest.mcap --node left --channel gx --force"),
     *_logs("fuse", "--vehicle vehicle.toml -o out-{n}", 2, bag=0),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ from hubodo.pages.drawing import add_legend_above, new_figure
 from hubodo.sensors.allan.covariance import TERMS, design_matrix
 from hubodo.sensors.allan.datasheet import Datasheet
 from hubodo.sensors.allan.ieee952 import rate_unit, term_units
+from hubodo.unit_systems import unit_system
 
 if TYPE_CHECKING:
     from hubodo.sensors.allan.result import AllanResult
@@ -63,6 +65,8 @@ def allan_figure(
         max(float(result.points.adev.max()) for _, result in results) * 1.5,
     )
     upper.set_ylabel(f"Allan deviation, {unit.si}")
+    if unit_system() == "si":
+        unit = replace(unit, common=unit.si, factor=1.0)
     right = upper.secondary_yaxis("right", functions=(_scale_by(unit.factor), _scale_by(1.0 / unit.factor)))
     right.set_ylabel(unit.common)
     add_legend_above(plot)
@@ -111,7 +115,8 @@ def _terms(axes: Any, result: AllanResult) -> None:
         term, unit = result.fit.terms[name], term_units(result.channel)[name]
         if term.value is not None:
             line = term.value * np.sqrt(column)
-            label = f"{name} = {term.value * unit.factor:.3g} {unit.common}"
+            shown = unit.shown()
+            label = f"{name} = {term.value * shown.factor:.3g} {shown.name}"
             axes.plot(tau, line, "--", color=_TERM_COLOURS[name], lw=1, label=label)
             _mark_term(axes, name, term.value, tau)
     if result.best_tau is not None:

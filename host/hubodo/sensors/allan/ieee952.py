@@ -5,39 +5,43 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-DEG_PER_RAD = math.degrees(1.0)
-S_PER_HOUR = 3600.0
+from hubodo.unit_systems import (
+    ACCELERATION,
+    ANGLE,
+    ANGLE_RANDOM_WALK,
+    RATE,
+    RATE_RAMP,
+    RATE_RANDOM_WALK,
+    DisplayUnit,
+)
+
+_S_PER_HOUR = 3600.0
 
 
 @dataclass(frozen=True)
-class TermUnit:
-    """Name of a noise term, its SI unit, the unit common in data sheets, and common = factor * SI."""
+class TermUnit(DisplayUnit):
+    """The units of a noise term, and its name."""
 
     name: str
-    si: str
-    common: str
-    factor: float
 
 
 GYRO_TERM_UNITS = {
-    "Q": TermUnit("quantisation noise", "rad", "deg", DEG_PER_RAD),
-    "N": TermUnit("angle random walk", "rad/√s", "deg/√h", DEG_PER_RAD * math.sqrt(S_PER_HOUR)),
-    "B": TermUnit("bias instability", "rad/s", "deg/h", DEG_PER_RAD * S_PER_HOUR),
-    "K": TermUnit(
-        "rate random walk", "rad/s/√s", "deg/h/√h", DEG_PER_RAD * S_PER_HOUR * math.sqrt(S_PER_HOUR)
-    ),
-    "R": TermUnit("rate ramp", "rad/s²", "deg/h/h", DEG_PER_RAD * S_PER_HOUR * S_PER_HOUR),
+    "Q": TermUnit("rad", "deg", ANGLE.factor, "quantisation noise"),
+    "N": TermUnit("rad/√s", "deg/√h", ANGLE_RANDOM_WALK.factor, "angle random walk"),
+    "B": TermUnit("rad/s", "deg/h", RATE.factor, "bias instability"),
+    "K": TermUnit("rad/s/√s", "deg/h/√h", RATE_RANDOM_WALK.factor, "rate random walk"),
+    "R": TermUnit("rad/s²", "deg/h/h", RATE_RAMP.factor, "rate ramp"),
 }
-_MICRO_G_PER_M_S2 = 1e6 / 9.80665
+_MICRO_G_PER_M_S2 = 1e3 * ACCELERATION.factor
 ACCEL_TERM_UNITS = {
-    "Q": TermUnit("quantisation noise", "m/s", "m/s", 1.0),
-    "N": TermUnit("velocity random walk", "m/s/√s", "m/s/√h", math.sqrt(S_PER_HOUR)),
-    "B": TermUnit("bias instability", "m/s²", "µg", _MICRO_G_PER_M_S2),
-    "K": TermUnit("acceleration random walk", "m/s²/√s", "µg/√h", _MICRO_G_PER_M_S2 * math.sqrt(S_PER_HOUR)),
-    "R": TermUnit("acceleration ramp", "m/s²/s", "µg/h", _MICRO_G_PER_M_S2 * S_PER_HOUR),
+    "Q": TermUnit("m/s", "m/s", 1.0, "quantisation noise"),
+    "N": TermUnit("m/s/√s", "m/s/√h", math.sqrt(_S_PER_HOUR), "velocity random walk"),
+    "B": TermUnit("m/s²", "µg", _MICRO_G_PER_M_S2, "bias instability"),
+    "K": TermUnit("m/s²/√s", "µg/√h", _MICRO_G_PER_M_S2 * math.sqrt(_S_PER_HOUR), "acceleration random walk"),
+    "R": TermUnit("m/s²/s", "µg/h", _MICRO_G_PER_M_S2 * _S_PER_HOUR, "acceleration ramp"),
 }
-GYRO_RATE_UNIT = TermUnit("rate", "rad/s", "deg/h", DEG_PER_RAD * S_PER_HOUR)
-ACCEL_RATE_UNIT = TermUnit("specific force", "m/s²", "µg", _MICRO_G_PER_M_S2)
+GYRO_RATE_UNIT = TermUnit("rad/s", "deg/h", RATE.factor, "rate")
+ACCEL_RATE_UNIT = TermUnit("m/s²", "µg", _MICRO_G_PER_M_S2, "specific force")
 
 
 def is_gyro(channel: str) -> bool:

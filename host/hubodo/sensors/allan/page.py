@@ -15,6 +15,7 @@ from hubodo.sensors.allan.datasheet import Datasheet
 from hubodo.sensors.allan.figure import allan_figure
 from hubodo.sensors.allan.fit import NoiseTerm
 from hubodo.sensors.allan.ieee952 import TermUnit, is_gyro, rate_unit, term_units
+from hubodo.unit_systems import angle_text, unit_system
 
 if TYPE_CHECKING:
     from hubodo.sensors.allan.result import AllanResult
@@ -53,10 +54,8 @@ def summarise_allan(result: AllanResult) -> str:
         best = f"{white}The record is too short to show the best averaging time."
     else:
         best = (
-            f"{white}The smallest deviation is "
-            f"{format_value(result.best_deviation * unit.factor, unit.common)} "
-            f"({format_value(result.best_deviation, unit.si)}), at an averaging time of "
-            f"{format_duration(result.best_tau)}."
+            f"{white}The smallest deviation is {_format_in_both(result.best_deviation, unit)}, "
+            f"at an averaging time of {format_duration(result.best_tau)}."
         )
     if result.maytag_stop is not None and is_gyro(result.channel):
         best += f" For maytagging, stops of {format_duration(result.maytag_stop)}"
@@ -69,8 +68,16 @@ def _white_noise_text(result: AllanResult) -> str:
     white, unit = result.fit.terms["N"], term_units(result.channel)["N"]
     if white.value is None or white.sigma is None:
         return ""
-    value = _format_with_sigma(white.value * unit.factor, white.sigma * unit.factor)
-    return f"White noise N = {value} {unit.common} ({format_value(white.value, unit.si)}). "
+    return f"White noise N = {_format_in_both(white.value, unit, white.sigma)}. "
+
+
+def _format_in_both(value: float, unit: TermUnit, sigma: float = 0.0) -> str:
+    """Return a value in the common unit, with its sigma, and in SI; or in the chosen one of them."""
+    shown = unit.shown()
+    text = format_value(value * shown.factor, shown.name)
+    if sigma:
+        text = f"{_format_with_sigma(value * shown.factor, sigma * shown.factor)} {shown.name}"
+    return text if unit_system() else f"{text} ({format_value(value, unit.si)})"
 
 
 def _format_with_sigma(value: float, sigma: float) -> str:
@@ -85,7 +92,7 @@ def allan_page(results: Sequence[NamedResult], title: str, sheets: Sequence[Data
         return render_page(title, summarise_allan(result), allan_sections(result, title, sheets))
     together = Section(
         "Comparison",
-        "Points with 95 % intervals and the fitted sum of the terms. Common units, 1σ.",
+        "Points with 95 % intervals and the fitted sum of the terms; 1σ.",
         [comparison_table(results, sheets)],
         [render_drawing(lambda: allan_figure(results, title, sheets))],
     )
@@ -99,13 +106,13 @@ def allan_page(results: Sequence[NamedResult], title: str, sheets: Sequence[Data
 
 
 def comparison_table(results: Sequence[NamedResult], sheets: Sequence[Datasheet] = ()) -> PageTable:
-    """Return a table of channels and data sheets: N, B and K in common units, and the best averaging time."""
+    """Return a table of channels and data sheets: N, B and K, and the best averaging time."""
     names = term_units(results[0][1].channel)
     rows = []
     for label, result in results:
         cells = []
         for name in _COMPARED_TERMS:
-            term, factor = result.fit.terms[name], names[name].factor
+            term, factor = result.fit.terms[name], names[name].shown().factor
             if term.value is not None and term.sigma is not None:
                 cells.append(f"{term.value * factor:.4g} ± {term.sigma * factor:.2g}")
             else:
@@ -115,27 +122,26 @@ def comparison_table(results: Sequence[NamedResult], sheets: Sequence[Datasheet]
     for sheet in sheets:
         terms = sheet.terms(results[0][1].channel)
         values = [
-            f"{terms[name] * names[name].factor:.4g}" if name in terms else "" for name in _COMPARED_TERMS
+            f"{terms[name] * names[name].shown().factor:.4g}" if name in terms else ""
+            for name in _COMPARED_TERMS
         ]
         rows.append((f"{sheet.name}, data sheet", *values, ""))
-    heads = [f"{name} {names[name].name}, {names[name].common}" for name in _COMPARED_TERMS]
+    heads = [f"{name} {names[name].name}, {names[name].shown().name}" for name in _COMPARED_TERMS]
     return PageTable(("", *heads, "average for"), rows)
 
 
 def allan_advice(result: AllanResult) -> list[str]:
     """Return recommendations for using the result and for a better record."""
     lines = []
-    white, unit = result.fit.terms["N"], term_units(result.channel)["N"]
+    white = result.fit.terms["N"]
     if result.best_tau is not None and result.best_deviation is not None:
         lines.append(
             f"Estimate the bias from a standstill of about {format_duration(result.best_tau)}; "
             "longer ones do not improve it."
         )
     if white.value is not None and is_gyro(result.channel):
-        lines.append(
-            f"White noise alone causes an angle error of {white.value * unit.factor:.4g}° (1σ) "
-            "in one hour of integration."
-        )
+        angle = angle_text(white.value * 60.0, ".4g")  # √3600 s = 60 √s
+        lines.append(f"White noise alone causes an angle error of {angle} (1σ) in one hour of integration.")
     hidden_terms = [term for term in result.fit.terms.values() if term.value is None]
     record_lengths = [term.needed for term in hidden_terms if term.needed is not None]
     if record_lengths:
@@ -162,22 +168,26 @@ def terms_table(result: AllanResult) -> PageTable:
     rows = [
         (
             f"{key} {unit.name}",
-            f"{_format_with_sigma(term.value * unit.factor, term.sigma * unit.factor)} {unit.common}",
+            f"{_format_with_sigma(term.value * shown.factor, term.sigma * shown.factor)} {shown.name}",
             format_value(term.value, unit.si),
             TERM_MEANINGS[key],
         )
         for key, unit, term in _terms(result)
+        for shown in (unit.shown(),)
         if term.value is not None and term.sigma is not None
     ]
-    return PageTable(("term", "value ± 1σ", "in SI units", "meaning"), rows)
+    headings = ("term", "value ± 1σ", "in SI units", "meaning")
+    if unit_system():  # the value has the chosen unit
+        return PageTable((*headings[:2], headings[3]), [(*row[:2], row[3]) for row in rows])
+    return PageTable(headings, rows)
 
 
 def all_term_rows(result: AllanResult) -> list[tuple[str, ...]]:
-    """Return key, name, value, sigma, value in the common unit and meaning of every term."""
-    rows: list[tuple[str, ...]] = []
+    """Return a row of headings, then key, name, values with sigma and meaning of every term."""
+    rows: list[tuple[str, ...]] = [("", "term", "value", "± 1σ", "common unit", "meaning")]
     for key, unit, term in _terms(result):
         if term.value is None or term.sigma is None:
-            limit = "" if term.limit is None else f"below {format_value(term.limit, unit.si)} (95 %); "
+            limit = "" if term.limit is None else f"below {_format_limit(term.limit, unit)} (95 %); "
             needed = (
                 "" if term.needed is None else f"; a record of {format_duration(term.needed)} would show it"
             )
@@ -187,7 +197,18 @@ def all_term_rows(result: AllanResult) -> list[tuple[str, ...]]:
             values = format_value(term.value, unit.si), share
             common = format_value(term.value * unit.factor, unit.common)
             rows.append((key, unit.name, *values, common, TERM_MEANINGS[key]))
-    return rows
+    if unit_system() == "common":
+        return [
+            (*row[:2], row[4] or row[2], row[3], row[5])
+            for row in (("", "term", "", "± 1σ", "value", "meaning"), *rows[1:])
+        ]
+    return [row[:4] + row[5:] for row in rows] if unit_system() else rows
+
+
+def _format_limit(limit: float, unit: TermUnit) -> str:
+    """Return the limit of a term that the record does not show."""
+    shown = unit.shown(si_by_default=True)
+    return format_value(limit * shown.factor, shown.name)
 
 
 def hidden_terms_table(result: AllanResult) -> PageTable:
@@ -195,11 +216,12 @@ def hidden_terms_table(result: AllanResult) -> PageTable:
     rows = [
         (
             f"{key} {unit.name}",
-            "" if term.limit is None else f"{term.limit:.2g} {unit.si}",
+            "" if term.limit is None else f"{term.limit * shown.factor:.2g} {shown.name}",
             "" if term.needed is None else format_duration(term.needed),
             term.reason,
         )
         for key, unit, term in _terms(result)
+        for shown in (unit.shown(si_by_default=True),)
         if term.value is None or term.sigma is None
     ]
     return PageTable(("term", "below (95 %)", "record needed", "why"), rows)

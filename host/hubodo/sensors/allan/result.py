@@ -206,8 +206,8 @@ class AllanResult:
         console : rich.console.Console
             The console to print to.
         """
-        headings = ("", "term", "value", "± 1σ", "common unit", "meaning")
-        print_table(console, headings, all_term_rows(self), self.name)
+        headings, *rows = all_term_rows(self)
+        print_table(console, headings, rows, self.name)
         print_lines(console, [summarise_allan(self)])
         print_lines(console, self.notes, label="note")
 

@@ -11,13 +11,11 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.pages.drawing import add_legend_above, new_figure, render_drawing
 from hubodo.pages.page import PageTable, Section
+from hubodo.unit_systems import RATE, RATE_SAMPLE, unit_system
 
 if TYPE_CHECKING:
     from hubodo.sensors.filters.result import FilterComparison, FilterScore
 
-BIAS_HEADINGS = ("method", "bias, deg/s", "1σ, deg/h", "other standstill samples, deg/h")
-_DEG = math.degrees(1.0)
-_DEG_PER_HOUR = _DEG * 3600.0
 _COLOURS = ("#8a8d91", "#b0793b", "#1b6ca8", "#e3a5ac", "#7d3c98", "#d1495b", "#2e7d5b")
 """One colour for each filter, raw first."""
 _DETAIL_S = 6.0
@@ -29,29 +27,30 @@ _HISTOGRAM_BINS = 60
 
 def summarise_comparison(result: FilterComparison) -> str:
     """Return the best filter and its error in one sentence."""
-    scores = result.scores
+    scores, unit = result.scores, RATE_SAMPLE.shown()
     best = min(scores, key=lambda it: it.error)
     criterion = "against " + result.reference.name if result.reference else "predicting the next sample"
-    return (
-        f"Smallest error in the second half: {best.candidate.name}, {best.error * _DEG:.3g} deg/s rms "
-        f"{criterion} (raw {scores[0].error * _DEG:.3g} deg/s)."
-    )
+    error, raw = (f"{unit.number(it.error, '.3g')} {unit.name}" for it in (best, scores[0]))
+    return f"Smallest error in the second half: {best.candidate.name}, {error} rms {criterion} (raw {raw})."
 
 
 def score_headings(result: FilterComparison) -> tuple[str, ...]:
     """Return the headings of `score_rows`."""
     error = "rms error" if result.reference else "prediction error"
-    return ("filter", f"{error}, held out, deg/s", "rad/s", "first half, deg/s", "delay, ms", "run time, µs")
+    unit = RATE_SAMPLE.shown().name
+    both = () if unit_system() else ("rad/s",)
+    return ("filter", f"{error}, held out, {unit}", *both, f"first half, {unit}", "delay, ms", "run time, µs")
 
 
 def score_rows(result: FilterComparison) -> list[tuple[str, ...]]:
     """Return one row for each filter."""
+    unit = RATE_SAMPLE.shown()
     return [
         (
             _label(score),
-            f"{score.error * _DEG:.4g}",
-            f"{score.error:.3g}",
-            f"{score.tuning_error * _DEG:.4g}",
+            unit.number(score.error, ".4g"),
+            *(() if unit_system() else (f"{score.error:.3g}",)),
+            unit.number(score.tuning_error, ".4g"),
             "-" if score.delay is None else f"{score.delay * 1e3:z.1f}",
             f"{score.run_time * 1e6:.2f}",
         )
@@ -67,18 +66,27 @@ def _label(score: FilterScore) -> str:
     if score.candidate.kind == "Kalman":
         return f"Kalman (k₁ {constants['rate_gain']:.3g}, k₂ {constants['bias_gain']:.2g} per sample)"
     if score.candidate.kind == "six-state":
-        return f"six-state (σ of third derivative {constants['highest_derivative']:.2g} rad/s³)"
+        unit = RATE_SAMPLE.shown(si_by_default=True)
+        derivative = unit.number(constants["highest_derivative"], ".2g")
+        return f"six-state (σ of third derivative {derivative} {unit.name}/s²)"
     return score.candidate.name
+
+
+def bias_headings() -> tuple[str, ...]:
+    """Return the headings of `bias_rows`."""
+    bias, sigma = RATE.shown(RATE_SAMPLE).name, RATE.shown().name
+    return ("method", f"bias, {bias}", f"1σ, {sigma}", f"other standstill samples, {sigma}")
 
 
 def bias_rows(result: FilterComparison) -> list[tuple[str, ...]]:
     """Return one row for each method of static bias."""
+    bias, sigma = RATE.shown(RATE_SAMPLE), RATE.shown()
     return [
         (
             it.method,
-            f"{it.bias * _DEG:+.5f}",
-            f"{it.sigma * _DEG_PER_HOUR:.3g}",
-            "-" if it.held_out is None else f"{it.held_out * _DEG_PER_HOUR:+.3g}",
+            bias.number(it.bias, "+.5f"),
+            sigma.number(it.sigma, ".3g"),
+            "-" if it.held_out is None else sigma.number(it.held_out, "+.3g"),
         )
         for it in result.biases
     ]
@@ -120,7 +128,7 @@ def filter_sections(result: FilterComparison) -> list[Section]:
             result,
             _plot_histogram,
         )
-        table = PageTable(BIAS_HEADINGS, bias_rows(result))
+        table = PageTable(bias_headings(), bias_rows(result))
         sections.append(Section(bias.title, bias.text, [table], bias.figures))
     sections.append(
         _figure_section(
@@ -163,25 +171,25 @@ def _plot_rate(axes: Any, result: FilterComparison) -> None:
     width = min(len(result.t), max(50, round(_DETAIL_S / result.dt)))
     starts = range(0, len(result.t) - width + 1, max(1, width // 4))
     first = max(starts, key=lambda k: float(np.ptp(result.samples[k : k + width])))
-    part = slice(first, first + width)
+    part, unit = slice(first, first + width), RATE_SAMPLE.shown()
     for score, colour in zip(result.scores, _COLOURS, strict=True):
         is_raw = score.candidate.kind == "raw"
         axes.plot(
             result.t[part],
-            score.rates[part] * _DEG,
+            score.rates[part] * unit.factor,
             color=colour,
             lw=0.6 if is_raw else 1.0,
             label=score.candidate.name,
         )
     if result.truth is not None:
-        axes.plot(result.t[part], result.truth[part] * _DEG, "k--", lw=0.8, label="reference")
+        axes.plot(result.t[part], result.truth[part] * unit.factor, "k--", lw=0.8, label="reference")
     axes.set_xlabel("t, s")
-    axes.set_ylabel("rate, deg/s")
+    axes.set_ylabel(f"rate, {unit.name}")
     add_legend_above(axes.figure)
 
 
 def _plot_error(axes: Any, result: FilterComparison) -> None:
-    width = max(1, round(1.0 / result.dt))
+    width, unit = max(1, round(1.0 / result.dt)), RATE_SAMPLE.shown()
     for score, colour in zip(result.scores, _COLOURS, strict=True):
         squares = np.nan_to_num(score.errors**2)
         count = len(squares) // width
@@ -189,7 +197,7 @@ def _plot_error(axes: Any, result: FilterComparison) -> None:
         stride = max(1, count // _MAX_POINTS)
         axes.plot(
             result.t[: count * width : width][::stride],
-            rms[::stride] * _DEG,
+            rms[::stride] * unit.factor,
             color=colour,
             lw=0.8,
             label=score.candidate.name,
@@ -197,17 +205,18 @@ def _plot_error(axes: Any, result: FilterComparison) -> None:
     axes.axvline(result.t[len(result.t) // 2], color="#8a8d91", lw=0.8, ls=":")
     axes.set_yscale("log")
     axes.set_xlabel("t, s")
-    axes.set_ylabel("rms error, deg/s")
+    axes.set_ylabel(f"rms error, {unit.name}")
     add_legend_above(axes.figure)
 
 
 def _plot_histogram(axes: Any, result: FilterComparison) -> None:
-    axes.set_xlabel("samples at standstill, deg/s")
+    unit = RATE_SAMPLE.shown()
+    axes.set_xlabel(f"samples at standstill, {unit.name}")
     axes.set_ylabel("count")
     if not len(result.standstill_samples):
         return
-    samples = result.standstill_samples * _DEG
-    bias = result.initial.bias * _DEG
+    samples = result.standstill_samples * unit.factor
+    bias = result.initial.bias * unit.factor
     edges = np.linspace(samples.min(), samples.max(), _HISTOGRAM_BINS + 1)
     if edges[-1] > edges[0]:
         counts = np.histogram(samples, edges)[0]

@@ -13,7 +13,7 @@ from hubodo.pages.plot import Plot
 from hubodo.sensors.filters.bias import BiasEstimate
 from hubodo.sensors.filters.candidates import FilterCandidate, StaticState
 from hubodo.sensors.filters.page import (
-    BIAS_HEADINGS,
+    bias_headings,
     bias_rows,
     filter_figure,
     recommend_filter,
@@ -195,7 +195,7 @@ class FilterComparison:
         print_lines(console, [summarise_comparison(self)])
         print_table(console, score_headings(self), score_rows(self), self.name)
         if self.biases:
-            print_table(console, BIAS_HEADINGS, bias_rows(self), "static bias")
+            print_table(console, bias_headings(), bias_rows(self), "static bias")
         print_lines(console, self.notes, label="note")
         print_lines(console, [self.recommendation])
 

@@ -7,16 +7,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hubodo.calibration.parameter_table import PARAMETER_HEADINGS, SIGNIFICANT_SIGMA
+from hubodo.calibration.parameter_table import SIGNIFICANT_SIGMA, parameter_headings
 from hubodo.calibration.parameter_table import parameter_rows as table_rows
 from hubodo.pages.curves import Curve, draw_curves
 from hubodo.pages.page import COLOURS, PageTable, Section
 from hubodo.sensors.imu.held_out import CrossValidation
+from hubodo.unit_systems import ACCELERATION, ANGLE, GRAVITY, ShownUnit
 
 if TYPE_CHECKING:
     from hubodo.sensors.imu.result import ImuCalibration
 
-__all__ = ["PARAMETER_HEADINGS", "format_held_out", "imu_sections", "parameter_rows"]
+__all__ = [
+    "format_gravity_error",
+    "format_turn_error",
+    "imu_sections",
+    "parameter_headings",
+    "parameter_rows",
+]
 
 
 def imu_sections(result: ImuCalibration) -> Sequence[Section]:
@@ -37,21 +44,33 @@ def imu_verdict(result: ImuCalibration) -> str:
         if ratio > 1.0
         else "Not better than the raw samples: the sensor is as good as this check."
     )
-    return f"{verdict} Length of gravity: {format_held_out(held_out, 'm/s²')}."
+    return f"{verdict} Length of gravity: {format_gravity_error(held_out)}."
 
 
-def format_held_out(held_out: CrossValidation | None, unit: str, factor: float = 1.0) -> str:
+def format_gravity_error(held_out: CrossValidation | None) -> str:
+    """Return the held-out errors of the length of gravity as one phrase."""
+    return _format_held_out(held_out, ACCELERATION.shown(si_by_default=True))
+
+
+def format_turn_error(held_out: CrossValidation | None) -> str:
+    """Return the held-out errors of turns as one phrase."""
+    return _format_held_out(held_out, ANGLE.shown())
+
+
+def _format_held_out(held_out: CrossValidation | None, unit: ShownUnit) -> str:
     """Return the held-out errors before and after calibration as one phrase."""
     if held_out is None:
         return "no data were held out"
+    values = (held_out.rms_before, held_out.rms, float(np.abs(held_out.error).max()))
+    before, after, largest = (value * unit.factor for value in values)
     return (
-        f"{held_out.rms_before * factor:.2g} {unit} rms before, {held_out.rms * factor:.2g} {unit} after "
-        f"(largest {np.abs(held_out.error).max() * factor:.2g}), on {len(held_out.error)} held out of the fit"
+        f"{before:.2g} {unit.name} rms before, {after:.2g} {unit.name} after "
+        f"(largest {largest:.2g}), on {len(held_out.error)} held out of the fit"
     )
 
 
 def parameter_rows(result: ImuCalibration) -> list[tuple[str, ...]]:
-    """Return a row of PARAMETER_HEADINGS for each parameter."""
+    """Return a row of `parameter_headings` for each parameter."""
     return list(table_rows(result.effect_parameters()))
 
 
@@ -65,26 +84,27 @@ def _parameters(result: ImuCalibration) -> Section:
         f"true = (I + diag(e) + N)⁻¹ (raw − b), SI units. {poses}"
         + " ".join(f"{note[0].upper()}{note[1:]}." for note in result.notes)
     )
-    return Section("Parameters", text, [PageTable(PARAMETER_HEADINGS, parameter_rows(result))])
+    return Section("Parameters", text, [PageTable(parameter_headings(), parameter_rows(result))])
 
 
 def _residuals(result: ImuCalibration) -> Sequence[Section]:
     if result.accel is None:
         return ()
-    figures = []
+    figures, unit = [], ACCELERATION.shown(si_by_default=True)
     if result.accel_held_out is not None:
-        lengths = _before_and_after(result.accel_held_out)
-        figures.append(draw_curves(lengths, "standstill", "norm minus gravity, m/s²"))
-    text = f"Norm of the accelerometer: {format_held_out(result.accel_held_out, 'm/s²')}."
+        lengths = _before_and_after(result.accel_held_out, unit.factor)
+        figures.append(draw_curves(lengths, "standstill", f"norm minus gravity, {unit.name}"))
+    text = f"Norm of the accelerometer: {format_gravity_error(result.accel_held_out)}."
     if result.gyro is not None and result.gyro.turns is not None:
         if result.gyro.held_out is not None:
-            angles = _before_and_after(result.gyro.held_out, 180 / np.pi)
-            figures.append(draw_curves(angles, "turn", "angle error against gravity, °"))
-        text += f" Gyro turns: {format_held_out(result.gyro.held_out, 'degrees', 180 / np.pi)}."
+            angle = ANGLE.shown()
+            angles = _before_and_after(result.gyro.held_out, angle.factor)
+            figures.append(draw_curves(angles, "turn", f"angle error against gravity, {angle.name}"))
+        text += f" Gyro turns: {format_turn_error(result.gyro.held_out)}."
     return (Section("Before and after", text, figures=figures),)
 
 
-def _before_and_after(held_out: CrossValidation, factor: float = 1.0) -> list[Curve]:
+def _before_and_after(held_out: CrossValidation, factor: float) -> list[Curve]:
     """Return the errors of what was held out of the fit, the same that the text summarises."""
     number = held_out.index + 1
     return [
@@ -97,14 +117,16 @@ def _standstills(result: ImuCalibration) -> Sequence[Section]:
     standstills, accel = result.standstills, result.accel
     if standstills is None or accel is None:
         return ()
+    force, error = GRAVITY.shown(si_by_default=True), ACCELERATION.shown(si_by_default=True)
     rows = [
         [
             standstills.name(k),
-            *(f"{a:+.3f}" for a in standstills.accel[k]),
-            f"{accel.residual_before[k]:+.4f}",
-            f"{accel.residual[k]:+.5f}",
+            *(f"{a * force.factor:+.{3 if force.factor == 1.0 else 4}f}" for a in standstills.accel[k]),
+            f"{accel.residual_before[k] * error.factor:+.4f}",
+            f"{accel.residual[k] * error.factor:+.5f}",
         ]
         for k in range(len(standstills))
     ]
-    headings = ["pose", "ax, m/s²", "ay, m/s²", "az, m/s²", "norm error before, m/s²", "after, m/s²"]
+    axes = (f"{axis}, {force.name}" for axis in ("ax", "ay", "az"))
+    headings = ["pose", *axes, f"norm error before, {error.name}", f"after, {error.name}"]
     return (Section(f"{len(standstills)} poses", tables=[PageTable(headings, rows)], is_folded=True),)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.calibration.parameter_table import COMMON_UNITS
 from hubodo.earth import STANDARD_GRAVITY
 from hubodo.pages.console import print_lines, print_table
 from hubodo.sensors.imu.pose_observability import (
@@ -22,6 +21,7 @@ from hubodo.sensors.imu.pose_observability import (
 )
 from hubodo.sensors.imu.standstills import STANDSTILL_MARGIN_S, STANDSTILL_MARGIN_SHARE
 from hubodo.sensors.north.drift import DriftNoise
+from hubodo.unit_systems import ACCELERATION, RATIO, SMALL_ANGLE
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 POSE_COUNTS = (9, 12, 15, 18, 24)
 """Numbers of poses that are compared; nine determine all parameters, more than twelve show a mistake."""
 _STANDSTILLS_S = np.array([2.0, 3, 5, 7, 10, 15, 20, 30, 45, 60, 90, 120, 180, 300, 600])
-_MG, _PPM, _ARC_MIN = (COMMON_UNITS[unit][0] for unit in ("m/s²", "1", "rad"))
 
 
 @dataclass(frozen=True)
@@ -102,7 +101,8 @@ class PosePlan:
 
     def render(self, console: Console) -> None:
         """Print the plan for the requested sigma, then the programme of each number of poses."""
-        wanted, target = self.target_programme, f"{self.target_sigma * _MG:.3g} mg"
+        bias, scale, angle = ACCELERATION.shown(), RATIO.shown(), SMALL_ANGLE.shown()
+        wanted, target = self.target_programme, f"{bias.number(self.target_sigma, '.3g')} {bias.name}"
         lines = [f"a bias sigma of {target} cannot be reached with these accelerometers"]
         if wanted is not None:
             lines = [
@@ -116,13 +116,15 @@ class PosePlan:
                 str(len(it.directions)),
                 f"{it.standstill:g}",
                 f"{it.time / 60:.1f}",
-                f"{it.bias_sigma * _MG:.3g}",
-                f"{it.scale_sigma * _PPM:.3g}",
-                f"{it.angle_sigma * _ARC_MIN:.3g}",
+                bias.number(it.bias_sigma, ".3g"),
+                scale.number(it.scale_sigma, ".3g"),
+                angle.number(it.angle_sigma, ".3g"),
             )
             for it in self.programmes
         ]
-        headings = ("poses", "standstill, s", "minutes", "bias 1σ, mg", "scale 1σ, ppm", "angle 1σ, arc-min")
+        sigmas = (("bias", bias), ("scale", scale), ("angle", angle))
+        named = (f"{name} 1σ, {unit.name}" for name, unit in sigmas)
+        headings = ("poses", "standstill, s", "minutes", *named)
         print_table(console, headings, rows)
 
 

@@ -18,7 +18,12 @@ from hubodo.effects.triad import Sensor
 from hubodo.html_table import html_lines, html_table
 from hubodo.pages.console import print_lines, print_table
 from hubodo.sensors.imu.held_out import CrossValidation
-from hubodo.sensors.imu.page import PARAMETER_HEADINGS, format_held_out, parameter_rows
+from hubodo.sensors.imu.page import (
+    format_gravity_error,
+    format_turn_error,
+    parameter_headings,
+    parameter_rows,
+)
 from hubodo.sensors.imu.scalar_calibration import ScalarCalibration
 from hubodo.sensors.imu.standstills import Standstills
 from hubodo.sensors.imu.turn_calibration import TurnCalibration
@@ -171,12 +176,11 @@ class ImuCalibration:
             The console to print to.
         """
         title = f"{self.node} → {self.output}" if self.output else self.node
-        print_table(console, PARAMETER_HEADINGS, parameter_rows(self), title)
+        print_table(console, parameter_headings(), parameter_rows(self), title)
         if self.accel is not None:
-            print_lines(console, [f"length of gravity: {format_held_out(self.accel_held_out, 'm/s²')}"])
+            print_lines(console, [f"length of gravity: {format_gravity_error(self.accel_held_out)}"])
         if self.gyro is not None and self.gyro.turns is not None:
-            words = format_held_out(self.gyro.held_out, "degrees", 180 / math.pi)
-            print_lines(console, [f"turns: {words}"])
+            print_lines(console, [f"turns: {format_turn_error(self.gyro.held_out)}"])
         print_lines(console, self.notes, label="note")
 
     def __repr__(self) -> str:
@@ -184,7 +188,7 @@ class ImuCalibration:
         return f"ImuCalibration({self.node}: {len(self.standstills or ())} poses, {effects})"
 
     def _repr_html_(self) -> str:
-        return html_table(PARAMETER_HEADINGS, parameter_rows(self)) + html_lines(self.notes)
+        return html_table(parameter_headings(), parameter_rows(self)) + html_lines(self.notes)
 
 
 def _accel_json(standstills: Standstills, accel: ScalarCalibration) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from hubodo.sensors.north.programme import (
     fit_ergodicity,
     white_noise_azimuth_bound,
 )
+from hubodo.unit_systems import angle_text
 
 ADVICE_TURN_S = 2.0
 MAX_AZIMUTH_SIGMA = math.radians(45)
@@ -40,6 +41,10 @@ def _bound_deg(bound: float) -> float | None:
     return math.degrees(bound) if bound < UNIFORM_AZIMUTH_SIGMA else None
 
 
+def _angle(degrees: float, spec: str) -> str:
+    return angle_text(math.radians(degrees), spec)
+
+
 def describe_programmes(estimate: NorthEstimate) -> list[str]:
     """Return the recommended programmes as lines of text, with the ergodicity of the estimates."""
     programmes = programme_json(estimate)
@@ -47,24 +52,25 @@ def describe_programmes(estimate: NorthEstimate) -> list[str]:
     if same := programmes["same_time"]:
         lines.append(
             f"recommended for the same time: {same['stops']} stops of {same['stop']:.0f} s at 0, 180, 90, "
-            f"270 degrees, sigma {same['sigma_deg']:.2f}°"
+            f"270 degrees, sigma {_angle(same['sigma_deg'], '.2f')}"
         )
     bound = programmes["one_minute_white_noise_bound_deg"]
     if minute := programmes["one_minute"]:
         lines.append(
-            f"one minute gives a sigma of {minute['sigma_deg']:.1f}°; white noise alone gives {bound:.1f}°"
+            f"one minute gives a sigma of {_angle(minute['sigma_deg'], '.1f')}; "
+            f"white noise alone gives {_angle(bound, '.1f')}"
         )
     else:
         lines.append(
             "one minute is too short to find north"
-            + ("" if bound is None else f": white noise alone gives {bound:.0f}°, without drift")
+            + ("" if bound is None else f": white noise alone gives {_angle(bound, '.0f')}, without drift")
         )
     one_degree = programmes["one_degree"]
     lines.append(
-        f"a sigma of 1° takes {one_degree['time'] / 60:.0f} minutes: {one_degree['stops']} stops of "
-        f"{one_degree['stop']:.0f} s"
+        f"a sigma of {_angle(1.0, 'g')} takes {one_degree['time'] / 60:.0f} minutes: "
+        f"{one_degree['stops']} stops of {one_degree['stop']:.0f} s"
         if one_degree
-        else "a sigma of 1° cannot be reached within a day with this gyro"
+        else f"a sigma of {_angle(1.0, 'g')} cannot be reached within a day with this gyro"
     )
     ergodicity = fit_ergodicity(estimate.rates, neighbours_overlap=bool(estimate.stops))
     if ergodicity is not None:

@@ -12,14 +12,15 @@ from hubodo.pages.drawing import add_legend_above, new_figure, render_drawing
 from hubodo.pages.page import PageTable, Section
 from hubodo.sensors.north.advice import describe_programmes
 from hubodo.sensors.north.circular import wrap_angle
+from hubodo.sensors.north.drift import DriftNoise
 from hubodo.sensors.north.north_estimate import NorthEstimate
 from hubodo.sensors.north.residuals import NorthResiduals, compute_residuals
+from hubodo.unit_systems import ANGLE, ANGLE_RANDOM_WALK, RATE, RATE_RANDOM_WALK, angle_text
 
 if TYPE_CHECKING:
     from hubodo.sensors.north.result import NorthResult
 
-RATE_HEADINGS = ("rate, °/h", "sigma, °/h", "azimuth, °")
-_DEG, _DEG_H = math.degrees(1.0), math.degrees(1.0) * 3600.0
+_DEG = math.degrees(1.0)
 _MEAN_COLOUR, _GRID_COLOUR, _FIT_COLOUR, _POINT_COLOUR = "#1d2126", "#d8dce0", "#1b6ca8", "#8a8d91"
 
 
@@ -43,7 +44,7 @@ def north_sections(result: NorthResult) -> list[Section]:
     for estimate in result.gyros:
         name = estimate.name
         figures = [render_drawing(lambda estimate=estimate, name=name: north_figure(estimate, name))]  # type: ignore[misc]
-        table = PageTable(("estimate", *RATE_HEADINGS), estimate_rows(estimate, 2))
+        table = PageTable(("estimate", *rate_headings()), estimate_rows(estimate, 2))
         fit = _fit_text(compute_residuals(estimate))
         sections += [
             Section(f"{name}: estimates", _bound_text(estimate), [table]),
@@ -59,22 +60,22 @@ def north_figure(estimate: NorthEstimate, title: str) -> Any:
     """
     plot = new_figure(8.0, 8.0)
     upper, middle, lower = plot.subplots(3, 1, height_ratios=(3, 2, 2))
-    residuals = compute_residuals(estimate)
+    residuals, rate = compute_residuals(estimate), RATE.shown()
     # Angles slightly below zero are plotted on the left, not at 360 degrees.
     angle = (residuals.angle * _DEG + 15) % 360 - 15
-    upper.plot(angle, residuals.earth * _DEG_H, ".", ms=3, color=_POINT_COLOUR, label="averages")
+    upper.plot(angle, residuals.earth * rate.factor, ".", ms=3, color=_POINT_COLOUR, label="averages")
     for direction, mean, error in _by_direction(residuals, angle):
-        upper.errorbar(direction, mean * _DEG_H, error * _DEG_H, fmt="o", ms=4, color=_MEAN_COLOUR)
+        upper.errorbar(direction, mean * rate.factor, error * rate.factor, fmt="o", ms=4, color=_MEAN_COLOUR)
     turn = np.radians(np.arange(0, 361, 2))
-    model = estimate.horizontal_rate * np.cos(estimate.azimuth - turn) * _DEG_H
+    model = estimate.horizontal_rate * np.cos(estimate.azimuth - turn) * rate.factor
     upper.plot(turn * _DEG, model, color=_FIT_COLOUR, label="fit")
     upper.set_xlabel("angle of the axis from table zero, °")
-    upper.set_ylabel("Earth rate, °/h")
+    upper.set_ylabel(f"Earth rate, {rate.name}")
     add_legend_above(plot)
     upper.set_title(title)
-    middle.plot(residuals.t / 60, residuals.residual * _DEG_H, ".-", ms=3, lw=0.6, color=_MEAN_COLOUR)
+    middle.plot(residuals.t / 60, residuals.residual * rate.factor, ".-", ms=3, lw=0.6, color=_MEAN_COLOUR)
     middle.set_xlabel("t, min")
-    middle.set_ylabel("residual, °/h")
+    middle.set_ylabel(f"residual, {rate.name}")
     density = estimate.posterior.density / np.gradient(estimate.posterior.azimuth) / _DEG
     centre = estimate.azimuth
     half_width = min(6.0 * estimate.sigma, math.pi)
@@ -121,7 +122,7 @@ def describe_white_bound(estimate: NorthEstimate) -> str:
     if not math.isfinite(estimate.white_bound):
         return "with stops along a line to north or south there is no Cramér-Rao bound"
     decimals = count_decimals(estimate.white_bound)
-    return f"white noise alone would give {estimate.white_bound * _DEG:.{decimals}f}°"
+    return f"white noise alone would give {angle_text(estimate.white_bound, f'.{decimals}f')}"
 
 
 def explain_sigma_below_bound(estimate: NorthEstimate) -> str:
@@ -138,39 +139,54 @@ def explain_sigma_below_bound(estimate: NorthEstimate) -> str:
     elif estimate.earth_rate.depends_on_latitude:
         cause = "the probability near north and south is not Gaussian: the size of Earth rate limits it"
     return (
-        f"sigma is that of this record, {estimate.sigma * _DEG:.2f}°, the bound of "
-        f"{estimate.bound * _DEG:.2f}° that of the average record: {cause}"
+        f"sigma is that of this record, {angle_text(estimate.sigma, '.2f')}, the bound of "
+        f"{angle_text(estimate.bound, '.2f')} that of the average record: {cause}"
     )
 
 
 def _bound_text(estimate: NorthEstimate) -> str:
-    decimals = count_decimals(estimate.sigma)
+    decimals = f".{count_decimals(estimate.sigma)}f"
     text = (
-        f"Sigma is {estimate.sigma * _DEG:.{decimals}f}°, including the uncertainty of the noise parameters. "
+        f"Sigma is {angle_text(estimate.sigma, decimals)}, including the doubt about the noise parameters. "
     )
     if math.isfinite(estimate.bound):
         text += (
-            f"The Cramér-Rao bound for this noise and these stops is {estimate.bound * _DEG:.{decimals}f}°; "
+            f"The Cramér-Rao bound for this noise and these stops is {angle_text(estimate.bound, decimals)}; "
         )
     text += f"{describe_white_bound(estimate)}."
     if explanation := explain_sigma_below_bound(estimate):
         text += f" {explanation[0].upper()}{explanation[1:]}."
     if estimate.angle_sigma:
-        text += f" {estimate.angle_sigma * _DEG:.2f}° of sigma are due to angles measured by the gyro itself."
+        angle = angle_text(estimate.angle_sigma, ".2f")
+        text += f" {angle} of sigma are due to angles measured by the gyro itself."
     return text
 
 
 def estimate_rows(estimate: NorthEstimate, digits: int) -> list[tuple[str, str, str, str]]:
-    """Return name, rates and sigmas (°/h) and azimuth of each estimator; digits: decimals of the rates."""
+    """Return name, rates with sigmas and azimuth of each estimator; digits: decimals of the rates."""
 
     def row(name: str, rates: Iterable[float], sigmas: Iterable[float], azimuth: float | None) -> Any:
-        cells = (", ".join(f"{v * _DEG_H:.{digits}f}" for v in values) for values in (rates, sigmas))
-        return name, *cells, "" if azimuth is None else f"{azimuth * _DEG % 360:.2f}"
+        cells = (", ".join(rate.number(v, f".{digits}f") for v in values) for values in (rates, sigmas))
+        return name, *cells, "" if azimuth is None else angle.number(azimuth % math.tau, ".2f")
+
+    rate, angle = RATE.shown(), ANGLE.shown()
 
     return [
         row("maximum likelihood", *estimate.rate_components(), estimate.azimuth),
         *(row(name.replace("_", " "), f.rate, f.sigma, f.azimuth) for name, f in estimate.filters.items()),
     ]
+
+
+def rate_headings() -> tuple[str, str, str]:
+    """Return the headings of `estimate_rows` after the name."""
+    rate, angle = RATE.shown().name, ANGLE.shown().name
+    return f"rate, {rate}", f"sigma, {rate}", f"azimuth, {angle}"
+
+
+def noise_rows(drift: DriftNoise) -> list[tuple[str, str]]:
+    """Return name and value of N, B and K."""
+    terms = (("N", drift.n, ANGLE_RANDOM_WALK), ("B", drift.b, RATE), ("K", drift.k, RATE_RANDOM_WALK))
+    return [(name, f"{value * unit.shown().factor:.3g} {unit.shown().name}") for name, value, unit in terms]
 
 
 def _fit_text(residuals: NorthResiduals) -> str:
@@ -193,9 +209,7 @@ def _record_table(estimate: NorthEstimate) -> PageTable:
         ("method", estimate.method),
         ("measured", f"{estimate.duration:.0f} s in {estimate.elapsed:.0f} s"),
         ("stops", str(stops) if stops else "none, continuous turning"),
-        ("N", f"{drift.n * _DEG * 60:.3g} °/√h"),
-        ("B", f"{drift.b * _DEG_H:.3g} °/h"),
-        ("K", f"{drift.k * _DEG_H * 60:.3g} °/h/√h"),
+        *noise_rows(drift),
     ]
     if drift.q:
         rows.append(("Q or vibration", f"{drift.q:.2g} rad"))

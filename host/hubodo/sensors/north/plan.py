@@ -22,6 +22,7 @@ from hubodo.sensors.north.programme import (
     find_shortest_programme,
     white_noise_azimuth_bound,
 )
+from hubodo.unit_systems import ANGLE, angle_text
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -68,11 +69,12 @@ class StopPlan:
     def render(self, console: Console) -> None:
         """Print the plan for the requested sigma, then the best plan for each duration."""
         wanted = self.target_programme
+        angle, target = ANGLE.shown(), angle_text(math.radians(self.sigma_deg), "g")
         line = (
-            f"{self.sigma_deg:g}° cannot be reached within a day with this gyro"
+            f"{target} cannot be reached within a day with this gyro"
             if wanted is None
-            else f"{self.sigma_deg:g}° takes {wanted.time / 60:.0f} minutes: {wanted.count} stops of "
-            f"{wanted.stop:g} s at 0, 180, 90, 270 degrees (sigma {math.degrees(wanted.sigma):.2f}°)"
+            else f"{target} takes {wanted.time / 60:.0f} minutes: {wanted.count} stops of "
+            f"{wanted.stop:g} s at 0, 180, 90, 270 degrees (sigma {angle_text(wanted.sigma, '.2f')})"
         )
         print_lines(console, [line])
         rows = [
@@ -80,12 +82,13 @@ class StopPlan:
                 f"{programme.time / 60:.0f}",
                 str(programme.count),
                 f"{programme.stop:g}",
-                f"{math.degrees(programme.sigma):.2f}",
-                f"{math.degrees(bound):.2f}",
+                angle.number(programme.sigma, ".2f"),
+                angle.number(bound, ".2f"),
             )
             for programme, bound in self.programmes
         ]
-        print_table(console, ("minutes", "stops", "stop, s", "sigma, °", "white noise alone, °"), rows)
+        sigmas = (f"{name}, {angle.name}" for name in ("sigma", "white noise alone"))
+        print_table(console, ("minutes", "stops", "stop, s", *sigmas), rows)
 
 
 def read_drift_noise(path: Path) -> DriftNoise:

@@ -14,13 +14,15 @@ from hubodo.sensors.north.circular import wrap_angle
 from hubodo.sensors.north.east import EastSeekResult
 from hubodo.sensors.north.north_estimate import NorthEstimate
 from hubodo.sensors.north.page import (
-    RATE_HEADINGS,
     describe_white_bound,
     estimate_rows,
     explain_sigma_below_bound,
+    noise_rows,
+    rate_headings,
 )
 from hubodo.sensors.north.programme import fit_ergodicity
 from hubodo.sensors.north.stops import Stops
+from hubodo.unit_systems import RATE, angle_text
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -67,23 +69,24 @@ class NorthResult:
         return self.gyros[0].other_azimuth if len(self.gyros) == 1 else None
 
     def describe_azimuth(self, decimals: int) -> str:
-        """Return the azimuth and its sigma in degrees, or both azimuths if the records allow two.
+        """Return the azimuth and its sigma, or both azimuths if the records allow two.
 
         Parameters
         ----------
         decimals : int
-            Number of decimals.
+            Number of decimals of degrees.
 
         Returns
         -------
         str
             Words for a sentence about table zero.
         """
-        sigma = f"± {math.degrees(self.sigma):.{decimals}f}°"
-        first = f"{math.degrees(self.azimuth) % 360:.{decimals}f}°"
+        sigma = f"± {angle_text(self.sigma, f'.{decimals}f')}"
+        first = angle_text(self.azimuth % math.tau, f".{decimals}f")
         if self.other_azimuth is None:
             return f"{first} {sigma}"
-        return f"either {first} or {math.degrees(self.other_azimuth) % 360:.{decimals}f}°, each {sigma}"
+        other = angle_text(self.other_azimuth % math.tau, f".{decimals}f")
+        return f"either {first} or {other}, each {sigma}"
 
     def as_json(self) -> dict[str, Any]:
         """Return the JSON result of `hubodo north`.
@@ -138,30 +141,29 @@ class NorthResult:
             f"azimuth of table zero {self.describe_azimuth(3)} clockwise from north", soft_wrap=True
         )
         if self.simulated_azimuth is not None:
-            error = math.degrees(float(wrap_angle(self.azimuth - self.simulated_azimuth)))
-            console.print(
-                f"simulated table at {math.degrees(self.simulated_azimuth) % 360:.3f}°: error {error:+.3f}°"
-            )
+            error = float(wrap_angle(self.azimuth - self.simulated_azimuth))
+            true = angle_text(self.simulated_azimuth % math.tau, ".3f")
+            console.print(f"simulated table at {true}: error {angle_text(error, '+.3f')}")
         if self.east_table_angle is not None:
             console.print(
-                f"the axis points east with the table at {math.degrees(self.east_table_angle) % 360:.2f}°, "
+                f"the axis points east with the table at "
+                f"{angle_text(self.east_table_angle % math.tau, '.2f')}, "
                 "its present position"
             )
         for north in self.gyros:
             drift = north.posterior.drift
             title = f"{north.name}, {north.method}"
-            print_table(console, ("", *RATE_HEADINGS), estimate_rows(north, 3), title)
+            print_table(console, ("", *rate_headings()), estimate_rows(north, 3), title)
             console.print(
                 f"{north.duration:.0f} s measured in {north.elapsed:.0f} s; {describe_white_bound(north)}; "
-                f"fitted N {math.degrees(drift.n) * 60:.3g} °/√h, "
-                f"B {math.degrees(drift.b) * 3600:.3g} °/h, K {math.degrees(drift.k) * 3600 * 60:.3g} °/h/√h",
+                f"fitted {', '.join(f'{name} {value}' for name, value in noise_rows(drift))}",
                 highlight=False,
             )
-            test = north.earth_rate
+            test, rate = north.earth_rate, RATE.shown()
             console.print(
-                f"measured Earth rate {math.degrees(test.measured) * 3600:.2f} ± "
-                f"{math.degrees(test.sigma) * 3600:.2f} °/h, at this latitude "
-                f"{math.degrees(test.demanded) * 3600:.2f} °/h: chi-square {test.chi_square:.1f}, "
+                f"measured Earth rate {rate.number(test.measured, '.2f')} ± "
+                f"{rate.number(test.sigma, '.2f')} {rate.name}, at this latitude "
+                f"{rate.number(test.demanded, '.2f')} {rate.name}: chi-square {test.chi_square:.1f}, "
                 f"probability {test.probability:.2g}",
                 highlight=False,
             )
@@ -176,7 +178,7 @@ class NorthResult:
         return f"NorthResult(table zero at {self.describe_azimuth(2)})"
 
     def _repr_html_(self) -> str:
-        tables = [html_table(("", *RATE_HEADINGS), estimate_rows(gyro, 3)) for gyro in self.gyros]
+        tables = [html_table(("", *rate_headings()), estimate_rows(gyro, 3)) for gyro in self.gyros]
         return html_lines((repr(self),)) + "".join(tables) + html_lines(self.warnings)
 
 

@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from hubodo.calibration.file import Quantity
-from hubodo.calibration.parameter_table import COMMON_UNITS, format_with_sigma
+from hubodo.calibration.parameter_table import format_with_sigma
 from hubodo.html_table import html_lines, html_table
 from hubodo.pages.console import print_lines, print_table
 from hubodo.sensors.rate_table.fit import RateTableFit
 from hubodo.sensors.rate_table.plateaus import Plateaus
+from hubodo.unit_systems import RATE, RATE_RAMP, RATE_SAMPLE, RATIO
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 _HEADINGS = ("figure", "value ± 1σ", "unit")
-_RATE_HEADINGS = ("rate, deg/s", "deviation from the line ± 1σ, ppm of full scale")
 SIGNIFICANT_P_VALUE = 0.01
-_PPM, _DEG_PER_H = (COMMON_UNITS[unit][0] for unit in ("1", "rad/s"))
 _TWO_SIDED_95 = 1.96
 
 
@@ -124,28 +122,36 @@ class RateCalibration:
         """
         title = f"{self.node} g{self.axis}" + (f" → {self.output}" if self.output else "")
         print_table(console, _HEADINGS, self._rows(), title)
-        print_table(console, _RATE_HEADINGS, self._rate_rows())
+        headings, *rows = self._rate_rows()
+        print_table(console, headings, rows)
         print_lines(console, self.notes, label="note")
 
     def _rows(self) -> list[tuple[str, ...]]:
-        fit, of_scale = self.fit, _PPM / self.full_scale
+        fit, bias, ratio = self.fit, RATE.shown(), RATIO.shown()
+        drift, of_scale = RATE_RAMP.shown(), ratio.factor / self.full_scale
+        full = f"{ratio.name} of full scale"
         rows: list[tuple[str, ...]] = [
-            ("scale error", _cell(fit.scale_error, _PPM), "ppm"),
-            ("bias", _cell(self.bias, _DEG_PER_H), "°/h"),
-            ("asymmetry", _cell(fit.asymmetry, _PPM), "ppm"),
-            ("nonlinearity, largest deviation", _cell(fit.nonlinearity, of_scale), "ppm of full scale"),
-            ("hysteresis, from below minus from above", _cell(fit.hysteresis, of_scale), "ppm of full scale"),
-            ("bias drift", _cell(fit.drift, _DEG_PER_H * 3600.0), "°/h per hour"),
+            ("scale error", _cell(fit.scale_error, ratio.factor), ratio.name),
+            ("bias", _cell(self.bias, bias.factor), bias.name),
+            ("asymmetry", _cell(fit.asymmetry, ratio.factor), ratio.name),
+            ("nonlinearity, largest deviation", _cell(fit.nonlinearity, of_scale), full),
+            ("hysteresis, from below minus from above", _cell(fit.hysteresis, of_scale), full),
+            ("bias drift", _cell(fit.drift, drift.factor), drift.name),
         ]
         if not self.is_nonlinear:
-            rows[3] = (rows[3][0], f"not significant, below {_PPM * self._bound():.3g}", rows[3][2])
+            rows[3] = (rows[3][0], f"not significant, below {ratio.factor * self._bound():.3g}", rows[3][2])
         return rows
 
     def _rate_rows(self) -> list[tuple[str, ...]]:
-        of_scale, fit = _PPM / self.full_scale, self.fit
+        """Return a row of headings, then the deviation of each rate."""
+        ratio, rate, fit = RATIO.shown(), RATE_SAMPLE.shown(), self.fit
+        of_scale = ratio.factor / self.full_scale
         return [
-            (f"{math.degrees(r):.4g}", format_with_sigma(float(d) * of_scale, float(s) * of_scale))
-            for r, d, s in zip(fit.rates, fit.deviation, fit.deviation_sigma, strict=True)
+            (f"rate, {rate.name}", f"deviation from the line ± 1σ, {ratio.name} of full scale"),
+            *(
+                (f"{r * rate.factor:.4g}", format_with_sigma(float(d) * of_scale, float(s) * of_scale))
+                for r, d, s in zip(fit.rates, fit.deviation, fit.deviation_sigma, strict=True)
+            ),
         ]
 
     def _bound(self) -> float:
@@ -157,11 +163,8 @@ class RateCalibration:
         return f"RateCalibration({self.node} g{self.axis}: {len(self.plateaus.rate)} plateaus)"
 
     def _repr_html_(self) -> str:
-        return (
-            html_table(_HEADINGS, self._rows())
-            + html_table(_RATE_HEADINGS, self._rate_rows())
-            + html_lines(self.notes)
-        )
+        headings, *rows = self._rate_rows()
+        return html_table(_HEADINGS, self._rows()) + html_table(headings, rows) + html_lines(self.notes)
 
 
 def _json(quantity: Quantity | None, factor: float = 1.0) -> dict[str, float] | None:

@@ -78,7 +78,7 @@ def choose_bias_method(values: Array, dt: float) -> BiasMethodChoice | None:
         ) / math.sqrt(len(improvement))
         if is_significant and rms[name] < rms[chosen]:
             chosen = name
-    return BiasMethodChoice(chosen, _explain(chosen, rms, width * dt), rms, width * dt)
+    return BiasMethodChoice(chosen, _explain(chosen, width * dt), rms, width * dt)
 
 
 def _run_kalman(values: Array, dt: float, constant: float) -> Array:
@@ -95,13 +95,10 @@ def _run_rls(values: Array, width: int, factor: float) -> Array:
     return RecursiveLeastSquares(factor, bias=static).run(values) + static
 
 
-def _explain(chosen: str, rms: dict[str, float], segment_duration: float) -> str:
-    errors_text = ", ".join(f"{name} {math.degrees(value) * 3600.0:.3g}" for name, value in rms.items())
+def _explain(chosen: str, segment_duration: float) -> str:
     reasons = {
         "mean": "no filter is significantly better, because they track noise",
         "Kalman": "the bias drifts slowly enough for a filter to track it",
         "RLS": "the bias drifts fast",
     }
-    errors = f"held-out error, deg/h: {errors_text}"
-    task = f"to predict the bias of the next {segment_duration:.3g} s"
-    return f"{task} use the {chosen}: {reasons[chosen]} ({errors})"
+    return f"to predict the bias of the next {segment_duration:.3g} s use the {chosen}: {reasons[chosen]}"

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hubodo.pages.drawing import add_legend_above, new_figure
 from hubodo.sensors.warmup.forecast import SIGMA_HORIZON_S
+from hubodo.unit_systems import RATE, RATE_SAMPLE
 
 if TYPE_CHECKING:
     from hubodo.sensors.warmup.result import WarmupResult
 
-_DEG = math.degrees(1.0)
 _CURVE_POINTS, _MAX_DOTS = 200, 1000
 """Number of points of a curve, and of the means plotted."""
 _MODEL_COLOURS = ("#1b6ca8", "#d1495b")
@@ -24,11 +23,11 @@ def warmup_figure(result: WarmupResult, title: str) -> Any:
     figure = new_figure(8.0, 8.0)
     bias_axes, residual_axes, lag_axes = figure.subplots(3, 1, height_ratios=(3, 1.3, 1.3))
     _plot_bias(bias_axes, result)
-    assessed = result.accepted or result.exponential
+    assessed, unit = result.accepted or result.exponential, RATE.shown(RATE_SAMPLE)
     t, residual = _averaged(result.t, assessed.fit.residual)
-    residual_axes.plot(t / 60.0, residual * _DEG, ".", ms=2, color="#8a8d91")
+    residual_axes.plot(t / 60.0, residual * unit.factor, ".", ms=2, color="#8a8d91")
     residual_axes.set_xlim(bias_axes.get_xlim())
-    residual_axes.set_ylabel("residual, °/s")
+    residual_axes.set_ylabel(f"residual, {unit.name}")
     residual_axes.set_xlabel(f"time since power-on, min; residual of the {assessed.fit.kind}")
     test = assessed.autocorrelation
     lag_axes.plot(test.lags, test.autocorrelation, lw=0.6, color=_MODEL_COLOURS[0])
@@ -43,12 +42,13 @@ def warmup_figure(result: WarmupResult, title: str) -> Any:
 
 
 def _plot_bias(axes: Any, result: WarmupResult) -> None:
+    unit = RATE.shown(RATE_SAMPLE)
     t, means = _averaged(result.t, result.means)
-    axes.plot(t / 60.0, means * _DEG, ".", ms=2, color="#8a8d91", label="means")
+    axes.plot(t / 60.0, means * unit.factor, ".", ms=2, color="#8a8d91", label="means")
     for assessed, colour in zip((result.exponential, result.next_model), _MODEL_COLOURS, strict=True):
         if assessed is not None:
             fitted = result.means - assessed.fit.residual
-            axes.plot(result.t / 60.0, fitted * _DEG, lw=1.0, color=colour, label=assessed.fit.kind)
+            axes.plot(result.t / 60.0, fitted * unit.factor, lw=1.0, color=colour, label=assessed.fit.kind)
     end = float(result.t[-1])
     ages = np.linspace(float(result.t[0]), end + min(SIGMA_HORIZON_S, 2.0 * end), _CURVE_POINTS)
     temperatures = (
@@ -57,14 +57,14 @@ def _plot_bias(axes: Any, result: WarmupResult) -> None:
     bias, sigma = result.forecast.predict(ages, temperatures)
     axes.fill_between(
         ages / 60.0,
-        (bias - sigma) * _DEG,
-        (bias + sigma) * _DEG,
+        (bias - sigma) * unit.factor,
+        (bias + sigma) * unit.factor,
         color="#2e7d5b",
         alpha=0.25,
         lw=0,
         label="forecast over all forms, 1 sigma",
     )
-    axes.set_ylabel("bias, °/s")
+    axes.set_ylabel(f"bias, {unit.name}")
     add_legend_above(axes.figure)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -12,14 +11,12 @@ from hubodo.pages.page import PageTable, Section
 from hubodo.sensors.warmup.assess import AssessedFit
 from hubodo.sensors.warmup.figure import warmup_figure
 from hubodo.sensors.warmup.profile_interval import describe_intervals
+from hubodo.unit_systems import RATE, RATE_SAMPLE, ShownUnit, without_other_units
 
 if TYPE_CHECKING:
     from hubodo.sensors.warmup.result import WarmupResult
 
-PARAMETER_HEADINGS = ("parameter", "SI", "common unit")
 TEST_HEADINGS = ("test", "result", "verdict")
-FORECAST_HEADINGS = ("since power-on", "all models, deg/s", "accepted model, deg/s")
-_DEG = math.degrees(1.0)
 
 
 def summarise_warmup(result: WarmupResult) -> str:
@@ -31,43 +28,52 @@ def summarise_warmup(result: WarmupResult) -> str:
         )
     fit = result.accepted.fit
     white = "white" if result.accepted.is_white else "not white"
-    text = f"The bias starts at {fit.values['c2'] * _DEG:+.4g} deg/s"
+    unit = _bias_unit()
+    text = f"The bias starts at {unit.number(fit.values['c2'], '+.4g')} {unit.name}"
     if "temperature_coefficient" in fit.values:
         text = (
-            f"The bias is {fit.values['c2'] * _DEG:+.4g} deg/s at 25 °C, follows the temperature by "
-            f"{fit.values['temperature_coefficient'] * _DEG:+.3g} deg/s/°C"
+            f"The bias is {unit.number(fit.values['c2'], '+.4g')} {unit.name} at 25 °C, follows the "
+            f"temperature by {unit.number(fit.values['temperature_coefficient'], '+.3g')} {unit.name}/°C"
         )
     for which, word in (("", "changes"), ("_second", "also")):
         if f"c1{which}" in fit.values:
+            change = unit.number(fit.values[f"c1{which}"], "+.4g")
             text += (
-                f" and {word} by {fit.values[f'c1{which}'] * _DEG:+.4g} deg/s with a time constant of "
+                f" and {word} by {change} {unit.name} with a time constant of "
                 f"{fit.values[f'time_constant{which}'] / 60:.3g} min"
             )
     return f"{text}; the residual is {white}."
 
 
-def parameter_rows(
-    assessed: AssessedFit, sigmas: Mapping[str, float] | None = None
-) -> list[tuple[str, str, str]]:
+def _bias_unit() -> ShownUnit:
+    return RATE.shown(RATE_SAMPLE)
+
+
+def parameter_headings() -> tuple[str, ...]:
+    """Return the headings of `parameter_rows`."""
+    return without_other_units([("parameter", "SI", "common unit")], si=1, common=2)[0]
+
+
+def parameter_rows(assessed: AssessedFit, sigmas: Mapping[str, float] | None = None) -> list[tuple[str, ...]]:
     """Return rows of parameter, value with sigma in SI, and the same in degrees or minutes.
 
     sigmas: standard deviations that replace the fit's own.
     """
-    rows = []
+    rows, common = [], _bias_unit()
     for name in WARMUP_PARAMETERS[assessed.fit.kind]:
         value, sigma = assessed.fit.values[name], (sigmas or assessed.fit.sigma)[name]
         if name.startswith("time_constant"):
             rows.append((name, f"{value:.5g} ± {sigma:.2g} s", f"{value / 60:.4g} ± {sigma / 60:.2g} min"))
         else:
-            unit = ("rad/s/°C", "deg/s/°C") if name == "temperature_coefficient" else ("rad/s", "deg/s")
+            per = "/°C" if name == "temperature_coefficient" else ""
             rows.append(
                 (
                     name,
-                    f"{value:.5g} ± {sigma:.2g} {unit[0]}",
-                    f"{value * _DEG:.4g} ± {sigma * _DEG:.2g} {unit[1]}",
+                    f"{value:.5g} ± {sigma:.2g} rad/s{per}",
+                    f"{value * common.factor:.4g} ± {sigma * common.factor:.2g} {common.name}{per}",
                 )
             )
-    return rows
+    return without_other_units(rows, si=1, common=2)
 
 
 def whiteness_rows(assessed: AssessedFit) -> list[tuple[str, str, str]]:
@@ -91,22 +97,33 @@ def whiteness_rows(assessed: AssessedFit) -> list[tuple[str, str, str]]:
     ]
 
 
+def forecast_headings() -> tuple[str, str, str]:
+    """Return the headings of `forecast_rows`."""
+    unit = _bias_unit().name
+    return ("since power-on", f"all models, {unit}", f"accepted model, {unit}")
+
+
 def forecast_rows(result: WarmupResult, ages: Sequence[float] = ()) -> list[tuple[str, str, str]]:
     """Return rows of age, forecast over all forms with sigma, and accepted model with its rms error."""
-    rows = []
+    rows, unit = [], _bias_unit()
+
+    def cell(bias: float, sigma: float) -> str:
+        return f"{unit.number(bias, '+.4f')} ± {unit.number(sigma, '.4f')}"
+
     for row in result.predict(ages):
-        accepted = "-"
-        if "accepted" in row:
-            accepted = f"{row['accepted'] * _DEG:+.4f} ± {row['accepted_sigma'] * _DEG:.4f}"
-        bias = f"{row['bias'] * _DEG:+.4f} ± {row['sigma'] * _DEG:.4f}"
+        accepted = "-" if "accepted" not in row else cell(row["accepted"], row["accepted_sigma"])
+        bias = cell(row["bias"], row["sigma"])
         rows.append((f"{row['age'] / 60.0:.1f} min", bias, accepted))
     return rows
 
 
 def warmup_advice(result: WarmupResult) -> list[str]:
     """Return recommendations, one line each."""
-    method = [] if result.bias_method is None else [f"After a standstill: {result.bias_method.why}."]
-    return [*_advice(result), *method]
+    method, unit = result.bias_method, RATE.shown()
+    if method is None:
+        return _advice(result)
+    errors = ", ".join(f"{name} {unit.number(value, '.3g')}" for name, value in method.errors.items())
+    return [*_advice(result), f"After a standstill: {method.why} (held-out error, {unit.name}: {errors})."]
 
 
 def _advice(result: WarmupResult) -> list[str]:
@@ -125,7 +142,7 @@ def _advice(result: WarmupResult) -> list[str]:
         f"{result.accepted.fit.kind}; hubodo fuse, record, heading and flash use that file.",
         "Still start with a standstill: the turn-on bias varies, the warm-up after it far less.",
         "One hour beyond this record the error of the model is "
-        f"{end['accepted_sigma'] * _DEG * 3600.0:.2g} °/h (1σ).",
+        f"{RATE.shown().number(end['accepted_sigma'], '.2g')} {RATE.shown().name} (1σ).",
     ]
     if not result.accepted.ljung_box.is_white:
         lines.append("The residual is not white: hubodo allan shows the bias instability and random walk.")
@@ -136,7 +153,7 @@ def warmup_sections(result: WarmupResult) -> list[Section]:
     """Return the sections of a page: recommendations, parameters, figure, forecast and whiteness."""
     tables = []
     if result.accepted is not None:
-        tables.append(PageTable(PARAMETER_HEADINGS, parameter_rows(result.accepted, result.sigma)))
+        tables.append(PageTable(parameter_headings(), parameter_rows(result.accepted, result.sigma)))
     notes = " ".join(f"{note}." for note in result.notes)
     if result.accepted is not None:
         notes += (
@@ -150,17 +167,13 @@ def warmup_sections(result: WarmupResult) -> list[Section]:
             "Forecast of the bias",
             "Averaged over one exponential, two, and mixtures of many, each weighted by its evidence in the "
             "record; includes flicker and random walk of the bias.",
-            [
-                PageTable(
-                    ("since power-on", "all forms, deg/s", "accepted model, deg/s"), forecast_rows(result)
-                )
-            ],
+            [PageTable(forecast_headings(), forecast_rows(result))],
         ),
         Section("Whiteness of the residual of the exponential", tables=tests),
     ]
     if result.next_model is not None:
         tables = [
-            PageTable(PARAMETER_HEADINGS, parameter_rows(result.next_model)),
+            PageTable(parameter_headings(), parameter_rows(result.next_model)),
             PageTable(TEST_HEADINGS, whiteness_rows(result.next_model)),
         ]
         sections.append(Section(f"Next model: {result.next_model.fit.kind}", "", tables))

@@ -8,12 +8,12 @@ not exclude: 2 (log L_max - log L(value)) <= chi-square quantile, with the other
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from hubodo.arrays import Array
+from hubodo.unit_systems import RATE, RATE_SAMPLE
 
 _CHI_SQUARE_95 = 3.8415
 """Quantile of 95 % of the chi-square distribution of one degree of freedom."""
@@ -67,8 +67,9 @@ def profile_intervals(t: Array, means: Array, variance: float) -> ProfileInterva
 
 
 def describe_intervals(intervals: ProfileIntervals) -> str:
-    """Return the intervals of c1 and time constant as text, in degrees and minutes."""
-    c1 = _describe_range(intervals.c1, math.degrees(1.0), "+.3g", "deg/s")
+    """Return the intervals of c1 and time constant as text."""
+    unit = RATE.shown(RATE_SAMPLE)
+    c1 = _describe_range(intervals.c1, unit.factor, "+.3g", unit.name)
     constant = _describe_range(intervals.time_constant, 1.0 / 60.0, ".3g", "min")
     return f"c1 {c1}, time constant {constant} (95 % intervals)"
 

@@ -24,10 +24,10 @@ from hubodo.sensors.warmup.figure import warmup_figure
 from hubodo.sensors.warmup.fit import WarmupFit
 from hubodo.sensors.warmup.forecast import SIGMA_HORIZON_S, BiasForecast, fit_forecast
 from hubodo.sensors.warmup.page import (
-    FORECAST_HEADINGS,
-    PARAMETER_HEADINGS,
     TEST_HEADINGS,
+    forecast_headings,
     forecast_rows,
+    parameter_headings,
     parameter_rows,
     summarise_warmup,
     warmup_advice,
@@ -329,11 +329,11 @@ class WarmupResult:
         """
         if self.accepted is not None:
             title = f"{self.name}: {self.accepted.fit.kind}"
-            print_table(console, PARAMETER_HEADINGS, parameter_rows(self.accepted, self.sigma), title)
+            print_table(console, parameter_headings(), parameter_rows(self.accepted, self.sigma), title)
         print_table(console, TEST_HEADINGS, whiteness_rows(self.exponential), "exponential")
         if self.next_model is not None:
             print_table(console, TEST_HEADINGS, whiteness_rows(self.next_model), self.next_model.fit.kind)
-        print_table(console, FORECAST_HEADINGS, forecast_rows(self, self.ages), "forecast bias")
+        print_table(console, forecast_headings(), forecast_rows(self, self.ages), "forecast bias")
         print_lines(console, [summarise_warmup(self)])
         print_lines(console, self.notes, label="note")
         print_lines(console, warmup_advice(self))
@@ -347,8 +347,8 @@ class WarmupResult:
     def _repr_html_(self) -> str:
         html = html_lines((summarise_warmup(self),))
         if self.accepted is not None:
-            html += html_table(PARAMETER_HEADINGS, parameter_rows(self.accepted, self.sigma))
-        return html + html_table(FORECAST_HEADINGS, forecast_rows(self)) + html_lines(self.notes)
+            html += html_table(parameter_headings(), parameter_rows(self.accepted, self.sigma))
+        return html + html_table(forecast_headings(), forecast_rows(self)) + html_lines(self.notes)
 
 
 def next_model_reason(fit: WarmupFit) -> str:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from hubodo.calibration.parameter_table import (
-    PARAMETER_HEADINGS,
     SIGNIFICANT_SIGMA,
     format_with_sigma,
+    parameter_headings,
     parameter_rows,
 )
 from hubodo.pages.page import PageTable, Section, render_page
@@ -42,7 +42,7 @@ def wheel_calibration_page(result: WheelCalibration, log: str) -> str:
         Section(
             f"Parameters of {name}",
             f"Significant are values beyond {SIGNIFICANT_SIGMA:.0f} of their own sigma.",
-            [PageTable(PARAMETER_HEADINGS, list(parameter_rows(effects)))],
+            [PageTable(parameter_headings(), list(parameter_rows(effects)))],
         )
         for name, effects in (*result.nodes.items(), ("the vehicle", result.vehicle))
         if effects

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from hubodo.calibration.file import CalibratedEffect, Quantity
-from hubodo.calibration.parameter_table import PARAMETER_HEADINGS, format_with_sigma, parameter_rows
+from hubodo.calibration.parameter_table import format_with_sigma, parameter_headings, parameter_rows
 from hubodo.fuse.wheel.calibration.held_out import HeldOutErrors
 from hubodo.fuse.wheel.calibration.learnt_parameters import quantities_as_effects, quantities_as_json
 from hubodo.pages.console import print_table
@@ -84,7 +84,7 @@ class WheelCalibration:
             for name, effects in (*self.nodes.items(), ("vehicle", self.vehicle))
             for row in parameter_rows(effects)
         ]
-        print_table(console, ("scope", *PARAMETER_HEADINGS), rows, f"→ {self.output}")
+        print_table(console, ("scope", *parameter_headings()), rows, f"→ {self.output}")
         for line in self._summary_lines():
             console.print(line, highlight=False, soft_wrap=True)
         for line in self.not_observable:
