@@ -13,7 +13,12 @@ _MIN_SIMILARITY_OF_SHORT_WORDS = 0.5
 _SHORT_WORD_LENGTH = 3
 _URL = re.compile(r"([a-z][a-z0-9]+):[/\\]")
 """The beginning of a URL, whose double slash a path does not keep; a drive of Windows has one letter."""
-_REMOTE_STORES = ("s3", "gs")
+_SLASHES = {"ros2": ":/", "file": ":///"}
+_MEANT_BY_SCHEME = (
+    {"file": "a URL; give its path"}
+    | dict.fromkeys(("s3", "gs"), "a URL; `hubodo batch` reads it")
+    | dict.fromkeys(("udp", "ble", "socket", "ros2", "tcp"), "a port; `hubodo record` makes a log of it")
+)
 
 
 def suggest_spelling(word: str, known: Iterable[str]) -> str:
@@ -22,14 +27,16 @@ def suggest_spelling(word: str, known: Iterable[str]) -> str:
     return _suggest(word.lstrip("-"), known_by_text)
 
 
-def suggest_file(path: Path) -> str:
-    """Return ", did you mean ...?" for a missing file whose folder holds one of a similar name, else "".
-
-    A path that was a URL is answered by how to read that.
-    """
+def explain_missing_file(path: Path, reason: str) -> str:
+    """Return the error for an unreadable file, with what was meant: a URL, a port or a similar name."""
     if match := _URL.match(str(path)):
-        remote = "`hubodo batch` reads it" if match[1] in _REMOTE_STORES else "download it first"
-        return f"; it is a URL, {remote}"
+        url = match[1] + _SLASHES.get(match[1], "://") + str(path)[match.end() :]
+        return f"{url}: is {_MEANT_BY_SCHEME.get(match[1], 'a URL; download the file and name it')}"
+    return f"{path}: {reason}{suggest_file(path)}"
+
+
+def suggest_file(path: Path) -> str:
+    """Return ", did you mean ...?" for a missing file whose folder holds one of a similar name, else ""."""
     try:
         names = sorted(file.name for file in path.parent.iterdir())
     except OSError:

@@ -13,7 +13,7 @@ from types import NoneType
 from typing import Any, Literal, TypeVar, cast, get_args, get_origin, get_type_hints
 
 from hubodo.errors import ConfigError
-from hubodo.spelling import suggest_spelling
+from hubodo.spelling import explain_missing_file, suggest_spelling
 
 _T = TypeVar("_T")
 _MAX_TABLE_DEPTH = 20
@@ -122,7 +122,7 @@ def load_toml(path: Path) -> dict[str, Any]:
             )
         text = path.read_text("utf-8-sig")
     except FileNotFoundError:
-        raise ConfigError(f"{path}: no such file; check the path") from None
+        raise ConfigError(explain_missing_file(path, "no such file; check the path")) from None
     except OSError as error:
         raise ConfigError(
             f"{path}: cannot be read ({error.strerror}); check the path and its rights"

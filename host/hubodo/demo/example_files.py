@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from hubodo.atomic_files import write_atomically
 from hubodo.calibration.file import parse_calibration
 from hubodo.log.recording_writer import write_recording
 from hubodo.model import experiments
@@ -88,7 +89,7 @@ LOGS = {"drive.mcap": ("random", _DRIVE_S), "night.mcap": ("rest", _NIGHT_S)}
 def write_example_files(folder: Path, report_progress: Callable[[str, float], None]) -> list[str]:
     """Write all files into an existing folder, replacing those of the same names; return their names."""
     for name, text in TEXTS.items():
-        (folder / name).write_text(text, "utf-8")
+        write_atomically(folder / name, text)
     parse_calibration(CALIBRATION, folder / "c.toml")
     model = read_model(folder / "model.toml")
     for number, (name, (kind, duration)) in enumerate(LOGS.items()):

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import IO
 
 from hubodo.errors import InputError
+from hubodo.log.number_text import is_utf16
 
 MAX_LINE_BYTES = 1 << 20
 """Bytes; a longer line is not a row of numbers."""
@@ -29,6 +30,8 @@ def read_header(path: Path, stream: IO[bytes]) -> tuple[str, int]:
             break
         if len(raw) > MAX_LINE_BYTES or number > _MAX_PREAMBLE_LINES:
             raise InputError(f"{path}: row {number}: no header of a table in CSV; give a file with one")
+        if number == 1 and is_utf16(raw):
+            raise ForeignHeaderError(f"{path}: is UTF-16 text; save it as UTF-8")
         try:
             text = raw.decode("utf-8-sig" if number == 1 else "utf-8").strip()
         except UnicodeDecodeError:

@@ -32,6 +32,7 @@ _DELIMITERS = (";", "\t", ",")
 _COMMENT_MARKS = "#%"
 _COMMENT_STARTS = (*_COMMENT_MARKS, "//")
 _MAX_PREAMBLE_ROWS = 40  # rows of text above a header, its units and the first numbers
+_UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 _HEAD_BYTES = 4096
 _MISSING_NUMBERS = ("", "na", "n/a", "#n/a", "null", "none", "-", "--")
 """Cells of programs that have no number there, in lower case; `nan` is a number of Python."""
@@ -286,7 +287,7 @@ def _open_text(path: Path) -> Iterator[io.TextIOWrapper]:
 
 def _encoding(head: bytes) -> str:
     """Return the encoding by the first bytes: that of Windows if letters of the header are not UTF-8."""
-    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+    if head.startswith(_UTF16_MARKS):
         return "utf-16"
     if bare := unmarked_utf16(head):
         return bare
@@ -296,6 +297,11 @@ def _encoding(head: bytes) -> str:
     except UnicodeDecodeError:
         return "utf-8-sig" if b"\0" in head else "cp1252"
     return "utf-8-sig"
+
+
+def is_utf16(head: bytes) -> bool:
+    """Return True if the first bytes are those of UTF-16, with or without a byte order mark."""
+    return head.startswith(_UTF16_MARKS) or bool(unmarked_utf16(head))
 
 
 def unmarked_utf16(head: bytes) -> str:

@@ -25,7 +25,7 @@ from hubodo.log.chunk_reader import ChunkLocation
 from hubodo.log.descriptor import pread
 from hubodo.log.input_limits import READ_BLOCK_BYTES, MemoryBudget, max_expanded_bytes, open_regular
 from hubodo.log.mcap_file import MAGIC
-from hubodo.spelling import suggest_file
+from hubodo.spelling import explain_missing_file
 
 _MAX_RECORD_BYTES = 1 << 28
 _MAX_UNCHUNKED_RUN_BYTES = 1 << 22
@@ -107,9 +107,8 @@ def scan_file(path: Path, *, lenient: bool = False) -> FileScan:
     except IsADirectoryError:
         raise LogError(f"{path}: is a folder, and an MCAP file is due here; name the file") from None
     except OSError as error:
-        raise LogError(
-            f"{path}: cannot be read ({error.strerror}); check the path and its rights{suggest_file(path)}"
-        ) from error
+        reason = f"cannot be read ({error.strerror}); check the path and its rights"
+        raise LogError(explain_missing_file(path, reason)) from error
 
 
 class _Scanner:

@@ -110,6 +110,16 @@ def test_text_in_utf_16_is_read(tmp_path):
     np.testing.assert_allclose(only_node(path).gyro, RATES)
 
 
+def test_a_folder_may_hold_files_in_utf_16_beside_others(tmp_path):
+    header = "t,gx,gy,gz,ax,ay,az"
+    for name, encoding in (("left", "utf-16"), ("right", "utf-16-le"), ("frame", "utf-8")):
+        write(tmp_path / f"{name}.csv", header, T, RATES, FORCE, encoding=encoding)
+    nodes = read_log(tmp_path).nodes
+    assert sorted(nodes) == ["frame", "left", "right"]
+    for node in nodes.values():
+        np.testing.assert_allclose(node.gyro, RATES)
+
+
 @pytest.mark.parametrize(
     ("name", "content", "advice"),
     [
