@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from hubodo.api.files import load_vehicle, read_calibration, read_model, write_calibration, write_model
     from hubodo.api.from_numbers import from_arrays, from_frame
     from hubodo.api.log import LoadedLog
+    from hubodo.api.poses import calibrate_means, plan_poses
     from hubodo.api.read import open
     from hubodo.api.simulate import simulate
     from hubodo.api.track import FusedTrack
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from hubodo.sensors.allan.result import AllanResult
     from hubodo.sensors.filters.result import FilterComparison
     from hubodo.sensors.heading.result import HeadingResult
+    from hubodo.sensors.imu.pose_plan import PosePlan
     from hubodo.sensors.imu.result import ImuCalibration
     from hubodo.sensors.north.result import NorthResult
     from hubodo.sensors.rate_table.result import RateCalibration
@@ -45,6 +47,7 @@ _NAMES_OF_MODULE = {
     "hubodo.api.from_numbers": ("from_arrays", "from_frame"),
     "hubodo.api.log": ("LoadedLog",),
     "hubodo.gap.explain.missing_effects": ("MissingEffects",),
+    "hubodo.api.poses": ("calibrate_means", "plan_poses"),
     "hubodo.api.read": ("open",),
     "hubodo.api.simulate": ("simulate",),
     "hubodo.api.track": ("FusedTrack",),
@@ -60,6 +63,7 @@ _NAMES_OF_MODULE = {
     "hubodo.sensors.allan.result": ("AllanResult",),
     "hubodo.sensors.filters.result": ("FilterComparison",),
     "hubodo.sensors.heading.result": ("HeadingResult",),
+    "hubodo.sensors.imu.pose_plan": ("PosePlan",),
     "hubodo.sensors.imu.result": ("ImuCalibration",),
     "hubodo.sensors.north.result": ("NorthResult",),
     "hubodo.sensors.rate_table.result": ("RateCalibration",),
@@ -73,6 +77,8 @@ __all__ = [  # noqa: RUF022 - in the order of the reference
     "from_frame",
     "from_arrays",
     "simulate",
+    "calibrate_means",
+    "plan_poses",
     "LoadedLog",
     "Table",
     "Event",
@@ -87,6 +93,7 @@ __all__ = [  # noqa: RUF022 - in the order of the reference
     "ImuCalibration",
     "NorthResult",
     "RateCalibration",
+    "PosePlan",
     "MissingEffects",
     "Finding",
     "Plot",

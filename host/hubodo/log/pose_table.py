@@ -45,11 +45,16 @@ def read_pose_table(path: Path, input_format: InputFormat) -> PoseTable:
     or a unit is missing.
     """
     numbers = read_numbers(path, detect_file_kind(path), input_format.variable)
+    return pose_table_from_numbers(str(path), numbers, input_format)
+
+
+def pose_table_from_numbers(source: str, numbers: NumberTable, input_format: InputFormat) -> PoseTable:
+    """Return the pose means of a table of numbers, as `read_pose_table` does; source: name for errors."""
     names = input_format.columns or numbers.names
     if len(names) != numbers.values.shape[1]:
         stated = "names " + str(len(names)) if names else "is needed"
         raise InputError(
-            f"{path}: has {numbers.values.shape[1]} columns, --columns {stated}; name each, such as "
+            f"{source}: has {numbers.values.shape[1]} columns, --columns {stated}; name each, such as "
             "ax,ay,az,sigma_ax,sigma_ay,sigma_az,ref_az,count; - omits one"
         )
     parts: dict[str, dict[str, Array]] = {"mean": {}, "sigma": {}, "std": {}, "ref": {}}
@@ -62,15 +67,13 @@ def read_pose_table(path: Path, input_format: InputFormat) -> PoseTable:
         elif parse_heading(channel).name in IMU_CHANNELS:
             parts[kind][channel] = values
     if not parts["mean"]:
-        raise InputError(f"{path}: has no column of means, such as ax; name them with --columns")
+        raise InputError(f"{source}: has no column of means, such as ax; name them with --columns")
     units = {parse_heading(name).name: parse_heading(name).unit for name in parts["mean"]}
-    arrays = {
-        kind: _si_values(str(path), kind, columns, units, input_format) for kind, columns in parts.items()
-    }
+    arrays = {kind: _si_values(source, kind, columns, units, input_format) for kind, columns in parts.items()}
     mean = arrays["mean"]
     if not np.isfinite(mean[:, np.isfinite(mean).any(axis=0)]).all():
         row = int(np.argmin(np.isfinite(mean[:, np.isfinite(mean).any(axis=0)]).all(axis=1)))
-        raise InputError(f"{path}: pose {row + 1} lacks a mean; complete or remove its row")
+        raise InputError(f"{source}: pose {row + 1} lacks a mean; complete or remove its row")
     return PoseTable(mean, arrays["sigma"], arrays["std"], arrays["ref"], count)
 
 

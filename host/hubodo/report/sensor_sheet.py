@@ -14,6 +14,12 @@ from hubodo.sensors.allan.ieee952 import is_gyro
 from hubodo.sensors.allan.page import comparison_table
 from hubodo.sensors.allan.result import AllanResult
 from hubodo.sensors.imu.page import imu_verdict, parameter_rows
+from hubodo.sensors.imu.pose_plan import (
+    PLANNED_BIAS_SIGMA,
+    PLANNED_TURN_S,
+    noise_of_accelerometers,
+    plan_poses,
+)
 from hubodo.sensors.imu.result import ImuCalibration
 from hubodo.sensors.warmup.page import parameter_headings as warmup_headings
 from hubodo.sensors.warmup.page import parameter_rows as warmup_rows
@@ -33,24 +39,24 @@ class SheetRecord:
     purpose : standstill, warm-up or poses.
     file : its name.
     sha256 : hash of its content.
-    duration : s.
-    rate_hz : median sample rate.
+    duration : s; None for a table of pose means.
+    rate_hz : median sample rate, likewise.
     temperature : lowest and highest, °C; None without a thermometer.
     """
 
     purpose: str
     file: str
     sha256: str
-    duration: float
-    rate_hz: float
+    duration: float | None
+    rate_hz: float | None
     temperature: tuple[float, float] | None
 
     def row(self) -> tuple[str, ...]:
         """Return the record as a row of RECORD_HEADINGS."""
         span = "not measured" if self.temperature is None else "{:.1f} to {:.1f}".format(*self.temperature)
-        return (
-            self.purpose, self.file, self.sha256[:16], f"{self.duration:.0f}", f"{self.rate_hz:.4g}", span
-        )  # fmt: skip
+        duration = "" if self.duration is None else f"{self.duration:.0f}"
+        rate = "" if self.rate_hz is None else f"{self.rate_hz:.4g}"
+        return (self.purpose, self.file, self.sha256[:16], duration, rate, span)
 
 
 @dataclass(frozen=True)
@@ -90,6 +96,7 @@ class SensorSheet:
             *self._noise_sections(),
             *self._warmup_sections(),
             *self._calibration_sections(),
+            *self._plan_section(),
             *self._files_section(),
         ]
         return render_page(f"Test sheet of {self.node}", lead, sections, is_sheet=True)
@@ -125,6 +132,14 @@ class SensorSheet:
         rows = [row[:-1] for row in parameter_rows(it)]
         table = PageTable(parameter_headings()[:-1], rows)
         return [Section("Calibration", text, [table], starts_page=not self.warmups)]
+
+    def _plan_section(self) -> list[Section]:
+        """Return the poses to set for a calibration, if the noise of the accelerometers alone is known."""
+        accel = [it for it in self.noise if not is_gyro(it.channel)]
+        if self.calibration is not None or not accel or any(it.terms["N"].value is None for it in accel):
+            return []
+        plan = plan_poses(noise_of_accelerometers(accel), PLANNED_BIAS_SIGMA, PLANNED_TURN_S)
+        return [Section("Poses for a calibration", f"With this noise {plan.summary()}.")]
 
     def _files_section(self) -> list[Section]:
         lines = []

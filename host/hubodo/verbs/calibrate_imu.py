@@ -26,7 +26,7 @@ from hubodo.progress import progress_line
 from hubodo.recording import Table
 from hubodo.sensors.imu.node_imu import ImuOptions, calibrate_node_imu
 from hubodo.sensors.imu.page import imu_sections, imu_verdict
-from hubodo.sensors.imu.pose_means import calibrate_pose_means
+from hubodo.sensors.imu.pose_means import DEFAULT_NODE, calibrate_pose_means
 from hubodo.sensors.imu.result import ImuCalibration
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, channel_numbers, stated_input_format
 from hubodo.verbs.numbers import latitude, positive_number
@@ -41,7 +41,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `hubodo calibrate imu`."""
     parser.add_argument("log", type=Path, metavar="LOG", help=LOG_HELP)
     add_log_options(parser)
-    parser.add_argument("--node", help="name of the node (default: the only one)")
+    parser.add_argument(
+        "--node",
+        help="name of the node (default: the only one; with --means that of the calibration file, else imu)",
+    )
     parser.add_argument(
         "--gravity", type=positive_number, default=9.80665, help="local gravity, m/s² (default 9.80665)"
     )
@@ -104,7 +107,7 @@ def run(args: argparse.Namespace) -> ImuCalibration:
         raise InputError("--mean-sigma belongs to --means; the noise of a record is measured")
     before = read_calibration(args.output) if args.output.exists() else Calibration()
     if args.means:
-        return _write(args, _calibrate_means(args), before, {}, None)
+        return _write(args, _calibrate_means(args, before), before, {}, None)
     with progress_line() as show:
         form = replace(
             stated_input_format(args, needed=()), advice_without_time="; --means reads means of poses"
@@ -117,10 +120,8 @@ def run(args: argparse.Namespace) -> ImuCalibration:
     return _write(args, calibration, before, recording.metadata, table)
 
 
-def _calibrate_means(args: argparse.Namespace) -> ImuCalibration:
+def _calibrate_means(args: argparse.Namespace, before: Calibration) -> ImuCalibration:
     """Return the calibration from a table of pose means."""
-    if args.node is None:
-        raise InputError("--means needs --node, the name under which the calibration is stored")
     if args.table_rate_deg_s is not None:
         raise InputError(
             "--table-rate-deg-s needs a record; with --means give the rates in columns such as ref_gz"
@@ -129,7 +130,19 @@ def _calibrate_means(args: argparse.Namespace) -> ImuCalibration:
     sigmas = channel_numbers("--mean-sigma", args.mean_sigma)
     if any(sigma <= 0.0 for sigma in sigmas.values()):
         raise InputError("--mean-sigma must be above 0")
-    return calibrate_pose_means(table, args.node, str(args.log), imu_options(args), sigmas)
+    return calibrate_pose_means(table, _node_of_means(args, before), str(args.log), imu_options(args), sigmas)
+
+
+def _node_of_means(args: argparse.Namespace, before: Calibration) -> str:
+    """Return the node of a table of means, which names none: that of --node, else of the calibration file."""
+    if args.node is not None:
+        return str(args.node)
+    if len(before.nodes) > 1:
+        raise InputError(
+            f"{args.output}: holds several nodes; give --node with the one to calibrate: "
+            f"{', '.join(before.nodes)}"
+        )
+    return next(iter(before.nodes), DEFAULT_NODE)
 
 
 def _write(

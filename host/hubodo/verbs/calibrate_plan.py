@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 
+from hubodo.atomic_files import write_atomically
 from hubodo.errors import InputError
-from hubodo.sensors.imu.pose_plan import PosePlan, plan_poses
+from hubodo.pages.page import render_page
+from hubodo.sensors.imu.pose_plan import (
+    PLANNED_BIAS_SIGMA,
+    PLANNED_TURN_S,
+    PosePlan,
+    plan_poses,
+    read_accelerometer_noise,
+)
 from hubodo.sensors.north.drift import DriftNoise
-from hubodo.sensors.north.plan import read_drift_noise
 from hubodo.verbs.numbers import non_negative_number, positive_number
-from hubodo.verbs.outputs import add_units_option
+from hubodo.verbs.outputs import add_force_option, add_units_option, html_path
 
 HELP = "plan the poses of an accelerometer calibration: which, how long, and to what sigma"
 EXAMPLE = "hubodo calibrate plan --noise-density 0.002 --bias-sigma 0.005"
@@ -33,13 +39,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--bias-sigma",
         type=positive_number,
-        default=0.005,
+        default=PLANNED_BIAS_SIGMA,
         help="requested sigma of the biases, m/s² (default 0.005)",
     )
     parser.add_argument(
-        "--turn", type=non_negative_number, default=5.0, help="time from pose to pose, s (default 5)"
+        "--turn",
+        type=non_negative_number,
+        default=PLANNED_TURN_S,
+        help="time from pose to pose, s (default 5)",
     )
+    parser.add_argument("--report", type=html_path, metavar="HTML", help="write the plan as a page")
     add_units_option(parser)
+    add_force_option(parser, "report")
 
 
 def run(args: argparse.Namespace) -> PosePlan:
@@ -62,8 +73,10 @@ def run(args: argparse.Namespace) -> PosePlan:
     elif args.bias_instability is not None:
         raise InputError("--bias-instability belongs to --noise-density; --allan has its own")
     else:
-        noise = read_drift_noise(args.allan)
-        channel = str(json.loads(args.allan.read_text("utf-8")).get("channel", ""))
-        if not channel.startswith("a"):
-            raise InputError(f"{args.allan}: is of {channel or 'no channel'}; give that of ax, ay or az")
-    return plan_poses(noise, args.bias_sigma, args.turn)
+        noise = read_accelerometer_noise(args.allan)
+    plan = plan_poses(noise, args.bias_sigma, args.turn)
+    if args.report is not None:
+        summary = plan.summary()
+        page = render_page("Poses of a calibration", f"{summary[0].upper()}{summary[1:]}.", plan.sections())
+        write_atomically(args.report, page)
+    return plan

@@ -21,6 +21,7 @@ from hubodo.calibration.file import (
     write_calibration,
 )
 from hubodo.errors import HubodoError, InputError
+from hubodo.log.pose_table import read_pose_table
 from hubodo.log.units import si_factor
 from hubodo.progress import progress_line
 from hubodo.recording import Recording
@@ -28,6 +29,7 @@ from hubodo.report.sensor_sheet import SensorSheet, SheetRecord
 from hubodo.sensors.allan.characterise import characterise_standstill_noise
 from hubodo.sensors.allan.noise_files import NOISE_CHANNELS, kalibr_yaml
 from hubodo.sensors.imu.node_imu import ImuOptions, calibrate_node_imu
+from hubodo.sensors.imu.pose_means import DEFAULT_NODE, calibrate_pose_means
 from hubodo.sensors.standstill_channel import StandstillRecord, read_standstill_channel
 from hubodo.sensors.warmup.characterise import characterise_standstill_warmup
 from hubodo.verbs.calibrate_imu import calibrated_effects
@@ -94,6 +96,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--poses", type=Path, metavar="LOG", help="log of nine or more static poses: calibration"
     )
+    parser.add_argument(
+        "--means", action="store_true", help="--poses is a table of pose means, as of hubodo calibrate imu"
+    )
     parser.add_argument("--node", help="name of the node (default: the only one)")
     parser.add_argument(
         "--age",
@@ -135,18 +140,22 @@ def run(args: argparse.Namespace) -> SheetResult:
     """
     if not (args.still or args.warmup or args.poses):
         raise InputError("a sheet needs at least one of --still, --warmup and --poses")
+    if args.means and args.poses is None:
+        raise InputError("--means belongs to --poses, the table of pose means")
     builder = _SheetBuilder(args)
     parts = [
         (builder.read(purpose, log), log, add)
         for purpose, log, add in (
             ("standstill", args.still, builder.add_noise),
             ("warm-up", args.warmup, builder.add_warmup),
-            ("poses", args.poses, builder.add_poses),
+            ("poses", None if args.means else args.poses, builder.add_poses),
         )
         if log is not None
     ]
     for recording, log, add in parts:
         add(recording, log)
+    if args.means:
+        builder.add_means(args.poses)
     with atomic_folder(args.output) as part:
         files = builder.write(part)
     return SheetResult(builder.node, str(args.output), files, builder.sheet())
@@ -226,6 +235,19 @@ class _SheetBuilder:
                 raise type(error)(f"{log}: {error}") from error
         self._parts["calibration"] = calibration
         self._effects = calibrated_effects(calibration, table, self._sha256["poses"])
+
+    def add_means(self, path: Path) -> None:
+        """Add the calibration from a table of pose means, which names no node."""
+        args = self._args
+        self.node = self.node or DEFAULT_NODE
+        digest = hash_source(path)
+        table = read_pose_table(path, stated_input_format(args, needed=()))
+        options = ImuOptions(args.gravity, args.latitude_deg)
+        calibration = calibrate_pose_means(table, self.node, str(path), options, {})
+        self._records.append(SheetRecord("means of poses", path.name, digest, None, None, None))
+        self._identity["node"] = self.node
+        self._parts["calibration"] = calibration
+        self._effects = calibrated_effects(calibration, None, digest)
 
     def sheet(self) -> SensorSheet:
         """Return the sheet."""

@@ -3,12 +3,14 @@
 import json
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import hubodo
 from generators.rate_table import Axis, turn_table
 from generators.table_folders import write_record
 from generators.table_record import DEG_H, Programme
+from hubodo.calibration.file import CalibratedEffect, Quantity
 from in_process import hubodo as run
 from vehicles import DRIVE_MODEL, LOW_INPUT_NOISE
 
@@ -135,3 +137,51 @@ def test_north_equals_that_of_the_verb(tmp_path):
     ):
         with pytest.raises(hubodo.InputError, match=message):
             log.north(**{"latitude_deg": 45.0, **options})
+
+
+def test_means_of_poses_equal_those_of_the_verb_and_its_node_is_that_of_the_file(tmp_path):
+    rng = np.random.default_rng(6)
+    up = rng.normal(size=(16, 3))
+    accel = 9.80665 * up / np.linalg.norm(up, axis=1)[:, None] + [0.1, -0.2, 0.05]
+    frame = pd.DataFrame({"label": "pose", **dict(zip(("ax", "ay", "az"), accel.T, strict=True))})
+    frame[["sigma_ax", "sigma_ay", "sigma_az"]] = 1e-3
+    path, output = tmp_path / "means.csv", tmp_path / "c.toml"
+    frame.to_csv(path, index=False)
+    words = ("calibrate", "imu", path, "--means", "-o", output)
+    printed = verb_result(*words)
+    assert printed["node"] == "imu" and {**printed, "output": ""} == as_printed(hubodo.calibrate_means(path))
+    of_frame = hubodo.calibrate_means(frame, mean_sigma={"ax": 2e-3}).effect_parameters()["accel_bias"]
+    assert of_frame["x"].value == pytest.approx(0.1, abs=4 * of_frame["x"].sigma)
+    assert of_frame["x"].sigma > 1.5 * printed["effects"]["accel_bias"]["x"]["sigma"]
+    assert verb_result(*words[:-1], write_nodes(tmp_path / "one.toml", "left"))["node"] == "left"
+    refused = run(*words[:-1], write_nodes(tmp_path / "two.toml", "left", "right"))
+    assert refused.code == 2 and "give --node with the one to calibrate: left, right" in refused.err
+    for options in ({"mean_sigma": {"ax": 0.0}}, {"mean_sigma": {"qx": 1.0}}, {"columns": ["ax"]}):
+        with pytest.raises(hubodo.InputError):
+            hubodo.calibrate_means(frame, **options)
+
+
+def write_nodes(path, *names):
+    bias = CalibratedEffect({"x": Quantity(0.1, 0.01)}, "by hand")
+    calibration = hubodo.Calibration()
+    for name in names:
+        calibration = calibration.with_node(name, {"accel_bias": bias}, "")
+    hubodo.write_calibration(calibration, path)
+    return path
+
+
+def test_a_plan_of_poses_equals_that_of_the_verb_and_takes_an_allan_deviation(tmp_path):
+    plan = hubodo.plan_poses(0.002, bias_sigma=0.004)
+    page = tmp_path / "plan.html"
+    words = ("calibrate", "plan", "--noise-density", 0.002, "--bias-sigma", 0.004, "--report", page)
+    assert verb_result(*words) == as_printed(plan)
+    assert plan.summary() in page.read_text("utf-8") + repr(plan) and "1. " in page.read_text("utf-8")
+    assert "<table" in plan._repr_html_()
+    rng = np.random.default_rng(7)
+    accel = rng.normal([0.0, 0.0, 9.81], 0.02, (6000, 3))
+    still = hubodo.from_arrays(rng.normal(0.0, 1e-3, (6000, 3)), accel, rate=100.0)
+    by_allan = hubodo.plan_poses(allan=still.allan(channel="ax"), bias_sigma=0.004)
+    assert by_allan.noise.n == pytest.approx(0.002, rel=0.1)
+    for wrong in ({}, {"noise_density": 0.0}, {"allan": still.allan(channel="gx")}):
+        with pytest.raises(hubodo.InputError):
+            hubodo.plan_poses(**wrong)

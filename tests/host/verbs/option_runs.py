@@ -83,7 +83,7 @@ RUNS: tuple[Run, ...] = (
     Run(
         "calibrate plan --noise-density 0.002 --bias-instability 1e-4 --bias-sigma 0.002 --turn 3 --units si"
     ),
-    Run("calibrate plan --noise-density 0.002 --json"),
+    Run("calibrate plan --noise-density 0.002 --json --report out-{n}.html --force"),
     Run("calibrate plan --allan missing.json", 1, "missing.json"),
     *_logs("calibrate rate", "--axis x --rates-deg-s=0,50 -o out-{n}.toml", 2),
     Run(
@@ -105,6 +105,8 @@ RUNS: tuple[Run, ...] = (
         2,
         "too short for a warm-up",
     ),
+    Run("sheet --poses means.csv --means -o out-{n}"),
+    Run("sheet --still rest.mcap --means -o out-{n}", 2, "--means belongs to --poses"),
     *_logs("calibrate wheels", "--vehicle vehicle.toml -o out-{n}.toml", 2),
     Run(
         "calibrate wheels drive.mcap --vehicle vehicle.toml -o out-{n}.toml --radius-sigma 0.03 "

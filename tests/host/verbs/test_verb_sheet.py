@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 
+import hubodo as hubodo_package
 from browser_page import Page
 from generators.noise import gyro_noise
 from generators.poses import Errors, carry
@@ -14,6 +15,8 @@ from hubodo.calibration.file import read_calibration
 from hubodo.log.csv_folder import write_folder
 from hubodo.log.recording_writer import write_recording
 from hubodo.recording import NODE_COLUMNS, Recording, Table
+from hubodo.report.sensor_sheet import SensorSheet
+from hubodo.sensors.imu.pose_plan import noise_of_accelerometers, plan_poses
 from in_process import hubodo
 
 SEED = 5
@@ -120,3 +123,22 @@ def test_force_replaces_the_files_of_a_sheet_and_no_others(sheet, logs, tmp_path
     assert "mine.txt, which hubodo did not write" in hubodo(*words, "--force").err
     (out / "mine.txt").unlink()
     assert hubodo(*words, "--force").code == 0 and not (out / "imu.yaml").exists()
+
+
+def test_a_sheet_takes_means_of_poses(tmp_path):
+    up = np.random.default_rng(8).normal(size=(16, 3))
+    accel = 9.80665 * up / np.linalg.norm(up, axis=1)[:, None] + [0.1, -0.2, 0.05]
+    table = tmp_path / "means.csv"
+    np.savetxt(table, accel, delimiter=",", header="ax,ay,az", comments="", fmt="%.4f")
+    done = hubodo("sheet", "--poses", table, "--means", "--node", "left", "-o", tmp_path / "sheet")
+    assert done.code == 0, done.err
+    page = (tmp_path / "sheet" / "sheet.html").read_text("utf-8")
+    assert "means of poses" in page and "accel_bias" in page
+    stored = read_calibration(tmp_path / "sheet" / "calibration.toml").nodes["left"]
+    assert abs(stored.effects["accel_bias"].parameters["y"].value + 0.2) < 1e-3
+
+
+def test_a_sheet_of_accelerometers_without_poses_says_how_many_to_set(logs):
+    noise = [hubodo_package.open(logs[0]).allan(channel="ax")]
+    page = SensorSheet("left", [], [], noise).html()
+    assert f"With this noise {plan_poses(noise_of_accelerometers(noise), 0.005, 5.0).summary()}." in page

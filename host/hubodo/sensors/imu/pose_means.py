@@ -27,6 +27,8 @@ from hubodo.sensors.imu.result import ImuCalibration, TriadCalibration
 from hubodo.sensors.imu.scalar_calibration import fit_scalar_calibration
 from hubodo.sensors.imu.standstills import Standstills
 
+DEFAULT_NODE = "imu"
+"""Name of the node of a table, which names none."""
 _GYRO, _ACCEL = slice(0, 3), slice(3, 6)
 _MIN_DOF = 3
 _FIRST_SIGMA = 1e-3

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
+from hubodo.errors import InputError
+from hubodo.html_table import html_lines, html_table
 from hubodo.pages.console import print_lines, print_table
+from hubodo.pages.page import PageTable, Section
 from hubodo.sensors.imu.pose_observability import (
     ACCELEROMETER_TOLERANCE,
     MAX_OBSERVABLE_SIGMA,
@@ -21,13 +26,19 @@ from hubodo.sensors.imu.pose_observability import (
 )
 from hubodo.sensors.imu.standstills import STANDSTILL_MARGIN_S, STANDSTILL_MARGIN_SHARE
 from hubodo.sensors.north.drift import DriftNoise
+from hubodo.sensors.north.plan import read_drift_noise
 from hubodo.unit_systems import ACCELERATION, RATIO, SMALL_ANGLE
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from hubodo.sensors.allan.result import AllanResult
+
 POSE_COUNTS = (9, 12, 15, 18, 24)
 """Numbers of poses that are compared; nine determine all parameters, more than twelve show a mistake."""
+PLANNED_BIAS_SIGMA = 0.005  # m/s²
+PLANNED_TURN_S = 5.0
+"""Requested sigma of a bias, and time from pose to pose, of a plan for which nothing else was requested."""
 _STANDSTILLS_S = np.array([2.0, 3, 5, 7, 10, 15, 20, 30, 45, 60, 90, 120, 180, 300, 600])
 
 
@@ -66,15 +77,20 @@ class PoseProgramme:
         }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PosePlan:
     """The shortest programme for each number of poses.
 
-    Attributes:
-        noise: noise of the accelerometers: n in m/s²/√Hz, b in m/s², k in m/s²/√s.
-        target_sigma: requested sigma of the biases, m/s².
-        turn: time from pose to pose, s.
-        programmes: for each number of poses; those that miss the target stand still for longest.
+    Attributes
+    ----------
+    noise : DriftNoise
+        Noise of the accelerometers: n in m/s²/√Hz, b in m/s², k in m/s²/√s.
+    target_sigma : float
+        Requested sigma of the biases, m/s².
+    turn : float
+        Time from pose to pose, s.
+    programmes : tuple of PoseProgramme
+        For each number of poses; those that miss the target stand still for longest.
     """
 
     noise: DriftNoise
@@ -89,7 +105,13 @@ class PosePlan:
         return min(reached, key=lambda it: it.time, default=None)
 
     def as_json(self) -> dict[str, Any]:
-        """Return the JSON result in SI units."""
+        """Return the JSON result of `hubodo calibrate plan`, in SI units.
+
+        Returns
+        -------
+        dict
+            The JSON object.
+        """
         wanted = self.target_programme
         return {
             "noise": {"N": self.noise.n, "B": self.noise.b, "K": self.noise.k},
@@ -99,33 +121,96 @@ class PosePlan:
             "wanted": None if wanted is None else wanted.as_json(),
         }
 
+    def summary(self) -> str:
+        """Return the shortest programme for the requested sigma in one sentence.
+
+        Returns
+        -------
+        str
+            The number of poses and their duration.
+        """
+        wanted, bias = self.target_programme, ACCELERATION.shown()
+        target = f"a bias sigma of {bias.number(self.target_sigma, '.3g')} {bias.name}"
+        if wanted is None:
+            return f"{target} cannot be reached with these accelerometers"
+        return (
+            f"{target} takes {wanted.time / 60:.1f} minutes: {len(wanted.directions)} poses of "
+            f"{wanted.standstill:g} s"
+        )
+
     def render(self, console: Console) -> None:
-        """Print the plan for the requested sigma, then the programme of each number of poses."""
-        bias, scale, angle = ACCELERATION.shown(), RATIO.shown(), SMALL_ANGLE.shown()
-        wanted, target = self.target_programme, f"{bias.number(self.target_sigma, '.3g')} {bias.name}"
-        lines = [f"a bias sigma of {target} cannot be reached with these accelerometers"]
-        if wanted is not None:
-            lines = [
-                f"a bias sigma of {target} takes {wanted.time / 60:.1f} minutes: "
-                f"{len(wanted.directions)} poses of {wanted.standstill:g} s",
-                *(f"{k + 1:2d}. {text}" for k, text in enumerate(wanted.directions)),
-            ]
-        print_lines(console, lines)
-        rows = [
-            (
-                str(len(it.directions)),
-                f"{it.standstill:g}",
-                f"{it.time / 60:.1f}",
-                bias.number(it.bias_sigma, ".3g"),
-                scale.number(it.scale_sigma, ".3g"),
-                angle.number(it.angle_sigma, ".3g"),
-            )
-            for it in self.programmes
-        ]
-        sigmas = (("bias", bias), ("scale", scale), ("angle", angle))
-        named = (f"{name} 1σ, {unit.name}" for name, unit in sigmas)
-        headings = ("poses", "standstill, s", "minutes", *named)
+        """Print the plan for the requested sigma, then the programme of each number of poses.
+
+        Parameters
+        ----------
+        console : rich.console.Console
+            The console to print to.
+        """
+        print_lines(console, [self.summary(), *self._steps()])
+        headings, *rows = self._rows()
         print_table(console, headings, rows)
+
+    def sections(self) -> list[Section]:
+        """Return the sections of a page: the poses to set, then the programme of each number of poses.
+
+        Returns
+        -------
+        list of Section
+            The sections.
+        """
+        headings, *rows = self._rows()
+        return [
+            Section("Poses", "The side that points up.", listing="\n".join(self._steps())),
+            Section("Other numbers of poses", tables=[PageTable(headings, rows)]),
+        ]
+
+    def __repr__(self) -> str:
+        return f"PosePlan({self.summary()})"
+
+    def _repr_html_(self) -> str:
+        headings, *rows = self._rows()
+        return html_lines((self.summary(), *self._steps())) + html_table(headings, rows)
+
+    def _steps(self) -> list[str]:
+        wanted = self.target_programme
+        return [] if wanted is None else [f"{k + 1:2d}. {it}" for k, it in enumerate(wanted.directions)]
+
+    def _rows(self) -> list[tuple[str, ...]]:
+        """Return a row of headings, then one for each number of poses."""
+        bias, scale, angle = ACCELERATION.shown(), RATIO.shown(), SMALL_ANGLE.shown()
+        units = (("bias", bias), ("scale", scale), ("angle", angle))
+        return [
+            ("poses", "standstill, s", "minutes", *(f"{name} 1σ, {unit.name}" for name, unit in units)),
+            *(
+                (
+                    str(len(it.directions)),
+                    f"{it.standstill:g}",
+                    f"{it.time / 60:.1f}",
+                    bias.number(it.bias_sigma, ".3g"),
+                    scale.number(it.scale_sigma, ".3g"),
+                    angle.number(it.angle_sigma, ".3g"),
+                )
+                for it in self.programmes
+            ),
+        ]
+
+
+def read_accelerometer_noise(path: Path) -> DriftNoise:
+    """Read the noise of an accelerometer axis from `hubodo allan --json`; raise InputError for a gyro."""
+    noise = read_drift_noise(path)
+    channel = str(json.loads(path.read_text("utf-8")).get("channel", ""))
+    if not channel.startswith("a"):
+        raise InputError(f"{path}: is of {channel or 'no channel'}; give that of ax, ay or az")
+    return noise
+
+
+def noise_of_accelerometers(results: Sequence[AllanResult]) -> DriftNoise:
+    """Return the largest noise of accelerometer axes; raise InputError for a gyro or without white noise."""
+    for it in results:
+        if not it.channel.startswith("a") or it.terms["N"].value is None:
+            raise InputError(f"{it.name}: give an accelerometer axis whose record shows white noise (N)")
+    n, b, k = (max(it.terms[name].value or 0.0 for it in results) for name in "NBK")
+    return DriftNoise(n, b, k)
 
 
 def plan_poses(noise: DriftNoise, target_sigma: float, turn: float) -> PosePlan:
