@@ -92,10 +92,20 @@ def pytest_collection_finish():
     gc.enable()
 
 
-@pytest.fixture(scope="module", autouse=True)
-def restore_effects():
-    """Remove the effects that a test file has loaded, such as those of `--candidates field`."""
+def _restore_effects():
     before = dict(BY_NAME)
     yield
     BY_NAME.clear()
     BY_NAME.update(before)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def restore_effects():
+    """Remove the effects that a test file has loaded, such as those of `--candidates field`."""
+    yield from _restore_effects()
+
+
+@pytest.fixture
+def restore_effects_after_each():
+    """Remove the effects that a test has loaded."""
+    yield from _restore_effects()

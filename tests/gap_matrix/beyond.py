@@ -14,11 +14,11 @@ import numpy as np
 
 from gap_matrix import cases, sensor
 from gap_matrix.cases import Setup
+from gap_matrix.channels import facing_sign, interpolate, stack_channels
 from gap_matrix.dose import GainMeter
 from gap_matrix.effects import SIDES
 from gap_matrix.world import Array, IdealReadings, differentiate
 
-CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
 CLOCK_SLIP_S = 0.004
 
 
@@ -80,9 +80,9 @@ def _steered_wheel(rng, setup, ideal, sample_times) -> UnitEffect:
     """Return a steered wheel: it turns about the vertical by the curvature of the path, v r / (v² + 1/4)."""
     speed, yaw_rate = ideal.motion.speed, ideal.motion.yaw_rate
     rate = differentiate(speed * yaw_rate / (speed**2 + 0.25), ideal.motion.step)
-    rate, cosine, sine = _interpolate(ideal, sample_times, rate, np.cos(ideal.angle), np.sin(ideal.angle))
+    rate, cosine, sine = interpolate(ideal, sample_times, rate, np.cos(ideal.angle), np.sin(ideal.angle))
     return UnitEffect(
-        _stack_channels(gx=rate * cosine, gy=-_facing_sign(ideal) * rate * sine), {"yaw": 1.0}, {}
+        stack_channels(gx=rate * cosine, gy=-facing_sign(ideal) * rate * sine), {"yaw": 1.0}, {}
     )
 
 
@@ -90,12 +90,12 @@ def _unbalanced_wheel(rng, setup, ideal, sample_times) -> UnitEffect:
     """Return an unbalanced wheel: a vertical force once per revolution, proportional to spin²."""
     phase = rng.uniform(-np.pi, np.pi)
     spin = differentiate(ideal.angle, ideal.motion.step)
-    hop_term, cosine, sine = _interpolate(
+    hop_term, cosine, sine = interpolate(
         ideal, sample_times, spin**2 * np.cos(ideal.angle - phase), np.cos(ideal.angle), np.sin(ideal.angle)
     )
     truth = {"up_cos": np.cos(phase), "up_sin": np.sin(phase)}
     return UnitEffect(
-        _stack_channels(ax=hop_term * cosine, ay=-_facing_sign(ideal) * hop_term * sine), truth, {}
+        stack_channels(ax=hop_term * cosine, ay=-facing_sign(ideal) * hop_term * sine), truth, {}
     )
 
 
@@ -104,25 +104,25 @@ def _supply_ripple(rng, setup, ideal, sample_times) -> UnitEffect:
     frequency, phase, axis = rng.uniform(3.0, 30.0), rng.uniform(-np.pi, np.pi), str(rng.choice(["gx", "gy"]))
     tone_term = np.cos(2.0 * np.pi * frequency * sample_times - phase)
     truth = {f"{axis}_cos": np.cos(phase), f"{axis}_sin": np.sin(phase)}
-    return UnitEffect(_stack_channels(**{axis: tone_term}), truth, {"frequency": frequency})
+    return UnitEffect(stack_channels(**{axis: tone_term}), truth, {"frequency": frequency})
 
 
 def _bent_axle(rng, setup, ideal, sample_times) -> UnitEffect:
     """Return a bent axle: a lateral force on the hub once per revolution, proportional to spin²."""
     phase = rng.uniform(-np.pi, np.pi)
-    (push_term,) = _interpolate(
+    (push_term,) = interpolate(
         ideal, sample_times, differentiate(ideal.angle, ideal.motion.step) ** 2 * np.cos(ideal.angle - phase)
     )
-    facing = _facing_sign(ideal)
+    facing = facing_sign(ideal)
     left = {"left_cos": np.cos(phase), "left_sin": np.sin(phase)}
     own = {"az_cos": facing * np.cos(phase), "az_sin": facing * np.sin(phase)}
-    return UnitEffect(_stack_channels(az=facing * push_term), {**left, **own}, {})
+    return UnitEffect(stack_channels(az=facing * push_term), {**left, **own}, {})
 
 
 def _flat_spot(rng, setup, ideal, sample_times) -> UnitEffect:
     """Return a flat spot: an upward impulse when one spot of the tyre touches the road, as spin²."""
     position, width = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.1, 0.25)
-    spin, cosine, sine = _interpolate(
+    spin, cosine, sine = interpolate(
         ideal,
         sample_times,
         differentiate(ideal.angle, ideal.motion.step),
@@ -135,7 +135,7 @@ def _flat_spot(rng, setup, ideal, sample_times) -> UnitEffect:
     )
     kick_term = spin**2 * np.exp(-0.5 * (offset / width) ** 2)
     return UnitEffect(
-        _stack_channels(ax=kick_term * cosine, ay=-_facing_sign(ideal) * kick_term * sine),
+        stack_channels(ax=kick_term * cosine, ay=-facing_sign(ideal) * kick_term * sine),
         {"up": 1.0},
         {"place": position, "width": width},
     )
@@ -146,16 +146,16 @@ def _cross_talk(rng, setup, ideal, sample_times) -> UnitEffect:
     axis = str(rng.choice(["gx", "gy"]))
     # The spin rates of both wheels sum to twice that of the body centre.
     spin = 2.0 * ideal.motion.speed / setup.radius - differentiate(ideal.angle, ideal.motion.step)
-    (spin,) = _interpolate(ideal, sample_times, spin)
-    return UnitEffect(_stack_channels(**{axis: spin}), {axis: 1.0}, {})
+    (spin,) = interpolate(ideal, sample_times, spin)
+    return UnitEffect(stack_channels(**{axis: spin}), {axis: 1.0}, {})
 
 
 def _magnet(rng, setup, ideal, sample_times) -> UnitEffect:
     """Return a magnet on the frame: a gyro axis across the axle is disturbed once per revolution."""
     phase, axis = rng.uniform(-np.pi, np.pi), str(rng.choice(["gx", "gy"]))
-    (once_per_revolution,) = _interpolate(ideal, sample_times, np.cos(ideal.angle - phase))
+    (once_per_revolution,) = interpolate(ideal, sample_times, np.cos(ideal.angle - phase))
     return UnitEffect(
-        _stack_channels(**{axis: once_per_revolution}),
+        stack_channels(**{axis: once_per_revolution}),
         {f"{axis}_cos": np.cos(phase), f"{axis}_sin": np.sin(phase)},
         {},
     )
@@ -181,19 +181,3 @@ def _slipping_clock(rng, setup: Setup, node: str) -> UnlistedEffect:
     t = records[node].t
     records[node] = replace(records[node], t=t + delay * (t >= slip_time))
     return UnlistedEffect("slipping_clock", node, records, {"delay": delay, "since": slip_time})
-
-
-def _interpolate(ideal: IdealReadings, sample_times: Array, *rows: Array) -> Array:
-    """Return rows of the even 1 kHz grid at the sample times."""
-    return sensor.interpolate_cubic(np.vstack(rows), ideal.motion.step, sample_times)
-
-
-def _stack_channels(**channels: Array) -> Array:
-    """Return (n, 6) readings with zeros on the channels that are not given."""
-    first = next(iter(channels.values()))
-    return np.stack([channels.get(name, np.zeros(len(first))) for name in CHANNELS], 1)
-
-
-def _facing_sign(ideal: IdealReadings) -> float:
-    """Return +1 if the z axis points left, from gravity: f_y = -facing g sin(angle)."""
-    return float(-np.sign(np.sum(ideal.force[1] * np.sin(ideal.angle))))

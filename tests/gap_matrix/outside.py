@@ -13,12 +13,12 @@ import numpy as np
 
 from gap_matrix import cases, sensor
 from gap_matrix.cases import Setup
+from gap_matrix.channels import CHANNELS, facing_sign, interpolate, stack_channels
 from gap_matrix.dose import MEDIUM_NATS, STRONG_NATS, GainMeter
 from gap_matrix.effects import SIDES
 from gap_matrix.sensor import ACCEL_LSB, GYRO_LSB
 from gap_matrix.world import Array, IdealReadings, differentiate
 
-CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
 LSB = (GYRO_LSB,) * 3 + (ACCEL_LSB,) * 3
 BIT_ERROR_COUNTS = {"medium": 10, "strong": 40}
 NATS = {"medium": MEDIUM_NATS, "strong": STRONG_NATS}
@@ -97,7 +97,7 @@ def simulate_records(setup: Setup, effect: OutsideEffect) -> dict[str, sensor.Re
 
 def _flat_spot(rng, setup, ideal, sample_times):
     """Return a flat spot: an upward impulse when one spot of the tyre touches the road, as speed²."""
-    speed, cosine, sine = _interpolate(
+    speed, cosine, sine = interpolate(
         ideal, sample_times, ideal.motion.speed, np.cos(ideal.angle), np.sin(ideal.angle)
     )
     position = rng.uniform(-np.pi, np.pi)
@@ -106,8 +106,8 @@ def _flat_spot(rng, setup, ideal, sample_times):
         cosine * np.cos(position) + sine * np.sin(position),
     )
     impulse = (speed / 3.0) ** 2 * np.exp(-0.5 * (offset / 0.12) ** 2)
-    facing = _facing_sign(ideal)
-    return _stack_channels(ax=impulse * cosine, ay=-facing * impulse * sine)
+    facing = facing_sign(ideal)
+    return stack_channels(ax=impulse * cosine, ay=-facing * impulse * sine)
 
 
 def _mount_with_play(rng, setup, ideal, sample_times):
@@ -130,7 +130,7 @@ def _mount_with_play(rng, setup, ideal, sample_times):
 
 def _rectified_vibration(rng, setup, ideal, sample_times):
     """Return vibration rectification: a gyro bias proportional to speed²."""
-    (speed,) = _interpolate(ideal, sample_times, ideal.motion.speed)
+    (speed,) = interpolate(ideal, sample_times, ideal.motion.speed)
     return _along_random_gyro_axis(rng, 1e-3 * speed**2)
 
 
@@ -143,12 +143,12 @@ def _supply_step(rng, setup, ideal, sample_times):
 def _motor_tone(rng, setup, ideal, sample_times):
     """Return a motor tone: a sine of fixed frequency on one accelerometer axis."""
     tone = 0.05 * np.sin(2.0 * np.pi * rng.uniform(6.0, 40.0) * sample_times + rng.uniform(-np.pi, np.pi))
-    return _stack_channels(**{str(rng.choice(["ax", "ay", "az"])): tone})
+    return stack_channels(**{str(rng.choice(["ax", "ay", "az"])): tone})
 
 
 def _temperature_gradient(rng, setup, ideal, sample_times):
     """Return a temperature gradient effect: a gyro bias proportional to the rate of the temperature."""
-    (temperature_rate,) = _interpolate(
+    (temperature_rate,) = interpolate(
         ideal, sample_times, differentiate(setup.drive.temperature, ideal.motion.step)
     )
     return _along_random_gyro_axis(rng, 0.05 * temperature_rate)
@@ -160,8 +160,8 @@ def _magnet(rng, setup, ideal, sample_times):
     The axis along the axle is excluded: there it equals the g-sensitivity, which is in the vocabulary.
     """
     angle = rng.uniform(-np.pi, np.pi)
-    (once_per_revolution,) = _interpolate(ideal, sample_times, np.cos(ideal.angle - angle))
-    return _stack_channels(**{str(rng.choice(["gx", "gy"])): 1e-3 * once_per_revolution})
+    (once_per_revolution,) = interpolate(ideal, sample_times, np.cos(ideal.angle - angle))
+    return stack_channels(**{str(rng.choice(["gx", "gy"])): 1e-3 * once_per_revolution})
 
 
 def _bit_errors(rng, setup: Setup, node: str, ideal: IdealReadings, count: int) -> Array:
@@ -197,23 +197,7 @@ KINDS: Mapping[str, _Kind] = {
 }
 
 
-def _interpolate(ideal: IdealReadings, sample_times: Array, *rows: Array) -> Array:
-    """Return rows of the even 1 kHz grid at the sample times."""
-    return sensor.interpolate_cubic(np.vstack(rows), ideal.motion.step, sample_times)
-
-
-def _stack_channels(**channels: Array) -> Array:
-    """Return (n, 6) readings with zeros on the channels that are not given."""
-    first = next(iter(channels.values()))
-    return np.stack([channels.get(name, np.zeros(len(first))) for name in CHANNELS], 1)
-
-
 def _along_random_gyro_axis(rng, signal: Array) -> Array:
     """Return readings (n, 6) with the signal along a random direction of the three gyro axes."""
     direction = rng.standard_normal(3)
     return np.outer(signal, [*(direction / np.linalg.norm(direction)), 0.0, 0.0, 0.0])
-
-
-def _facing_sign(ideal: IdealReadings) -> float:
-    """Return +1 if the z axis points left, from gravity: f_y = -facing g sin(angle)."""
-    return float(-np.sign(np.sum(ideal.force[1] * np.sin(ideal.angle))))

@@ -13,7 +13,6 @@ from gap_matrix.judge.scaffolded import Score, run_case, scaffold_log, write_hid
 from gap_matrix.make_case import write_case
 from gap_runs import run_gap
 from hubodo.cli import main
-from hubodo.effects import BY_NAME
 from repetitions import first_and_more
 
 # The shortest drive of the generator at a third of the usual rate: the gain in nats is the same, the search
@@ -21,13 +20,7 @@ from repetitions import first_and_more
 SEED, NATS, DURATION, RATE_HZ = 20, 2000.0, 33.0, 30.0
 
 
-@pytest.fixture(autouse=True)
-def restore_effect_list():
-    """Remove effects that a test has loaded."""
-    known = dict(BY_NAME)
-    yield
-    BY_NAME.clear()
-    BY_NAME.update(known)
+pytestmark = pytest.mark.usefixtures("restore_effects_after_each")
 
 
 @pytest.mark.parametrize("name", first_and_more("steered_wheel", "cross_talk"))

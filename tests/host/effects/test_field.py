@@ -16,12 +16,7 @@ SEED = 20
 T = np.linspace(0.0, 20.0, 2001)
 
 
-@pytest.fixture(autouse=True)
-def the_list_as_it_was():
-    known = dict(BY_NAME)
-    yield
-    BY_NAME.clear()
-    BY_NAME.update(known)
+pytestmark = pytest.mark.usefixtures("restore_effects_after_each")
 
 
 def chain(facing=1.0):

@@ -9,13 +9,7 @@ from hubodo.effects import BY_NAME, EFFECTS, loaded
 from hubodo.effects.loaded import name_problem, read_effects, use_effects
 from hubodo.errors import ConfigError
 
-
-@pytest.fixture(autouse=True)
-def the_list_as_it_was():
-    known = dict(BY_NAME)
-    yield
-    BY_NAME.clear()
-    BY_NAME.update(known)
+pytestmark = pytest.mark.usefixtures("restore_effects_after_each")
 
 
 def written(tmp_path, text, name="hum.py"):
