@@ -150,26 +150,32 @@ def scaled(number: Number, factor: float) -> Iterator[None]:
         after: Any = scale(before)
     else:
         after = tuple(scale(item) if k == number.index else item for k, item in enumerate(before))
-    users = [
-        (user, name, getattr(user, name))
-        for key, user in list(sys.modules.items())
-        if key.startswith("hubodo.fuse.wheel")
-        for name in (number.name, *_aliases(user, number.name))
-        if getattr(user, name, None) == before
-    ]
-    for user, name, _ in users:
-        setattr(user, name, after)
+    changed: list[tuple[ModuleType, str, Any]] = []
+    _replace_constant(number.name, before, after, changed)
     try:
         yield
     finally:
-        for user, name, value in users:
+        for user, name, value in reversed(changed):
             setattr(user, name, value)
 
 
-def _aliases(module: ModuleType, name: str) -> list[str]:
-    """Return the constants of a module that are defined as another constant, `ALIAS = name`."""
-    source = Path(str(module.__file__)).read_text("utf-8")
-    return re.findall(rf"^(_?[A-Z][A-Z0-9_]*) = {name}$", source, re.MULTILINE)
+def _replace_constant(name: str, before: Any, after: Any, changed: list[tuple[ModuleType, str, Any]]) -> None:
+    """Replace a constant in all modules, and the constants whose expressions contain it.
+
+    changed: appended to; module, name and former value of each.
+    """
+    users = [user for key, user in list(sys.modules.items()) if key.startswith("hubodo.fuse.wheel")]
+    users = [user for user in users if getattr(user, name, None) == before]
+    for user in users:
+        changed.append((user, name, before))
+        setattr(user, name, after)
+    for user in users:
+        source = Path(str(user.__file__)).read_text("utf-8")
+        pattern = rf"^(_?[A-Z][A-Z0-9_]*)(?:: [^=]+)? = (.*\b{name}\b.*)$"
+        for derived, expression in re.findall(pattern, source, re.MULTILINE):
+            value = eval(expression, vars(user))
+            if value != getattr(user, derived):
+                _replace_constant(derived, getattr(user, derived), value, changed)
 
 
 def make_drives(seeds: range) -> dict[str, list[FaultDrive]]:

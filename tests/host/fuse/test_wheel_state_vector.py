@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hubodo.calibration.file import Quantity
-from hubodo.fuse.wheel.config import GATE_SIGMA, WheelConfig, WheelNode
+from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.entries import (
     ANTENNA_X,
     GYRO_BIAS_Z,
@@ -25,6 +25,7 @@ from hubodo.fuse.wheel.entries import (
 from hubodo.fuse.wheel.measurements.position import Position
 from hubodo.fuse.wheel.records import History
 from hubodo.fuse.wheel.state_vector import StateVector, initial_state
+from hubodo.fuse.wheel.thresholds import GATE_SIGMA
 
 
 def _state(*names: str, seed: int | None = None, **settings: object) -> StateVector:

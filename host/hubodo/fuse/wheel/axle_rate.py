@@ -18,11 +18,6 @@ from hubodo.fuse.wheel.entries import (
 )
 from hubodo.fuse.wheel.window import WINDOW_S, Window
 
-MIN_ROLLING_RATE = 1.0
-"""rad/s; gravity rotates once in six seconds at it; a slower wheel is not compared with its accelerometers.
-Estimated.
-"""
-
 
 class AxleRate(NamedTuple):
     """Rate about the axle, rad/s, and its derivatives by scale error and bias of the gyro."""

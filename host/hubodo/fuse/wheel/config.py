@@ -18,11 +18,6 @@ from hubodo.recording import Recording, Table
 from hubodo.vehicle import Facing, RadiusSource, Side, Vehicle
 from hubowire.messages import FilterState
 
-GATE_SIGMA = 3.0
-"""Sigmas beyond which an innovation loses weight, a residual disagrees or a speed error is significant: one
-in 370 Gaussian values.
-"""
-
 
 @dataclass(frozen=True, slots=True)
 class RadiusSigmas:

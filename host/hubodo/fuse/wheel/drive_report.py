@@ -24,13 +24,12 @@ from hubodo.fuse.wheel.filter import WheelFilter
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.outage_log import WheelOutage
 from hubodo.fuse.wheel.slip_detector import Slip
+from hubodo.fuse.wheel.thresholds import DETECTION_WINDOWS, GATE_SIGMA
 from hubodo.fuse.wheel.wheel import Wheel
 from hubodo.fuse.wheel.window import WINDOW_S, WINDOWS_PER_SECOND
 
-START_WINDOWS = int(3.0 / WINDOW_S)
+START_WINDOWS = DETECTION_WINDOWS
 """Windows at the start in which a standstill is expected; later it counts only if there was one at all."""
-_MAX_TRACK_SIGMAS = 3.0
-"""Sigmas of its prior beyond which a track width is reported: one in 370 by chance."""
 _FULL_TURN = 2.0 * math.pi
 _MIN_EARTH_TURN = math.radians(0.5)
 """rad, 1 sigma of the heading by an unknown rotation of the Earth from which on it is reported: as much as a
@@ -208,7 +207,7 @@ def _track_width_warnings(wheel_filter: WheelFilter) -> list[str]:
         return []
     error, declared = wheel_filter.core.estimate(None, TRACK_WIDTH), wheel_filter.config.track_width
     prior = wheel_filter.config.priors.get(TRACK_WIDTH, Quantity(0.0, TRACK_WIDTH.prior))
-    if abs(error.value - prior.value) < _MAX_TRACK_SIGMAS * prior.sigma:
+    if abs(error.value - prior.value) < GATE_SIGMA * prior.sigma:
         return []
     return [
         f"track_width: speeds and gyros show {declared * (1.0 + error.value):.3g} m instead of {declared:g} m"

@@ -18,6 +18,7 @@ from hubodo.fuse.wheel.preintegration import WindowBuilder
 from hubodo.fuse.wheel.records import Pose, SmoothingTerms, StepInput
 from hubodo.fuse.wheel.samples import SampleBlock, WheelSample
 from hubodo.fuse.wheel.surface_speeds import SurfaceSpeeds
+from hubodo.fuse.wheel.thresholds import SETTLING_WINDOWS
 from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOWS_PER_SECOND, Window
 
 ALIGNMENT_WINDOWS = WINDOWS_PER_SECOND
@@ -37,7 +38,7 @@ _MAX_SPEED_DELAY_WINDOWS = 2
 """Windows for which a step waits for surface speeds that arrive live: encoders report ten times a second or
 more often. The state at the newest sample is extrapolated meanwhile."""
 
-_MAX_SPEED_OUTAGE_WINDOWS = 5
+_MAX_SPEED_OUTAGE_WINDOWS = SETTLING_WINDOWS
 """Windows without surface speeds after which no step waits for them."""
 
 

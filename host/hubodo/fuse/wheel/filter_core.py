@@ -9,7 +9,7 @@ from operator import itemgetter
 import numpy as np
 
 from hubodo.fuse.wheel.axle_rate import remove_tilt_rate
-from hubodo.fuse.wheel.config import GATE_SIGMA, WheelConfig
+from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import RATE_BEYOND_RANGE, SPEED, WHEEL_ANGLE, X, Y
 from hubodo.fuse.wheel.measurement_update import UpdateResult
 from hubodo.fuse.wheel.measurements import surface_speed
@@ -34,6 +34,7 @@ from hubodo.fuse.wheel.records import (
 from hubodo.fuse.wheel.slip_monitor import HISTORY_WINDOWS, SlipMonitor
 from hubodo.fuse.wheel.slip_schedule import SlipSchedule
 from hubodo.fuse.wheel.state_vector import ExternalCorrection, StateReset, initial_state
+from hubodo.fuse.wheel.thresholds import GATE_SIGMA
 from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, Window
 
 _SYMMETRISATION_STEPS = 16

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hubodo.arrays import Array
+from hubodo.fuse.wheel.thresholds import MANOEUVRE_S
 from hubodo.fuse.wheel.window import WINDOW_S
 
 _SPEED_SIGMA, _SPEED_SIGMA_FACTOR, _SPEED_TIME_S = 2.0, 1.5, 16.0
@@ -26,13 +27,10 @@ _SPEED_SIGMA, _SPEED_SIGMA_FACTOR, _SPEED_TIME_S = 2.0, 1.5, 16.0
 A walking vehicle is so expected to change its speed by 0.7 m/s within the first second. Estimated.
 """
 
-_YAW_RATE_SIGMA, _LATERAL_ACCELERATION, YAW_TIME_S = 0.35, 2.0, 2.0
+_YAW_RATE_SIGMA, _LATERAL_ACCELERATION = 0.35, 2.0
 """Stationary sigma R of the yaw rate: 0.35 rad/s, a walker's bend, or 2 m/s² of lateral acceleration at V.
-T_r: 2 s. Estimated.
+T_r: `MANOEUVRE_S`. Estimated.
 """
-
-HARD_ACCELERATION = 3.0
-"""m/s² of hard driving, for seconds on end. Estimated."""
 
 _TRANSIENT_S = 60.0
 """s after which the start is forgotten and position variance grows linearly: many times T_v and T_r."""
@@ -61,7 +59,7 @@ def free_motion_variances(motion_sigmas: MotionSigmas) -> tuple[float, float]:
     """Return the growth of variance per window of an unmeasured speed, (m/s)², and yaw rate, (rad/s)²."""
     return (
         2.0 * motion_sigmas.speed**2 * WINDOW_S / _SPEED_TIME_S,
-        2.0 * motion_sigmas.yaw_rate**2 * WINDOW_S / YAW_TIME_S,
+        2.0 * motion_sigmas.yaw_rate**2 * WINDOW_S / MANOEUVRE_S,
     )
 
 
@@ -86,7 +84,7 @@ def speed_process(motion_sigmas: MotionSigmas) -> RateProcess:
 
 def yaw_rate_process(motion_sigmas: MotionSigmas) -> RateProcess:
     """Return the process of the yaw rate, rad/s."""
-    return RateProcess(motion_sigmas.yaw_rate, YAW_TIME_S)
+    return RateProcess(motion_sigmas.yaw_rate, MANOEUVRE_S)
 
 
 class FreeMotion(NamedTuple):
@@ -116,9 +114,9 @@ def predict_free_motion(
     """Return the motion over `seconds` of a vehicle at `speed`, m/s, and `yaw_rate`, rad/s."""
     t = min(seconds, _TRANSIENT_S)
     s, weight = t * _QUADRATURE_NODES, t * _QUADRATURE_WEIGHTS
-    speed_share, yaw_share = np.exp(-s / _SPEED_TIME_S), np.exp(-s / YAW_TIME_S)
-    final_speed_share, final_yaw_share = math.exp(-t / _SPEED_TIME_S), math.exp(-t / YAW_TIME_S)
-    mean_turn = YAW_TIME_S * (1.0 - yaw_share)
+    speed_share, yaw_share = np.exp(-s / _SPEED_TIME_S), np.exp(-s / MANOEUVRE_S)
+    final_speed_share, final_yaw_share = math.exp(-t / _SPEED_TIME_S), math.exp(-t / MANOEUVRE_S)
+    mean_turn = MANOEUVRE_S * (1.0 - yaw_share)
     heading_covariance = _heading_covariance(s[:, None], s[None, :], motion_sigmas)
     heading_variance = heading_covariance.diagonal()
     mean_direction = np.exp(1j * yaw_rate * mean_turn - 0.5 * heading_variance)
@@ -131,7 +129,7 @@ def predict_free_motion(
     # Covariances of heading, speed and yaw rate at the end with the displacement.
     yaw_turn_covariance = (
         motion_sigmas.yaw_rate**2
-        * YAW_TIME_S
+        * MANOEUVRE_S
         * (final_yaw_share / yaw_share - 2.0 * final_yaw_share + final_yaw_share * yaw_share)
     )
     speed_covariance = motion_sigmas.speed**2 * final_speed_share * (1.0 / speed_share - speed_share)
@@ -148,7 +146,7 @@ def predict_free_motion(
     noise[2, 2] = float(_heading_covariance(last, last, motion_sigmas)[0])
     noise[3, 3] = motion_sigmas.speed**2 * (1.0 - final_speed_share**2)
     noise[4, 4] = motion_sigmas.yaw_rate**2 * (1.0 - final_yaw_share**2)
-    noise[2, 4] = noise[4, 2] = motion_sigmas.yaw_rate**2 * YAW_TIME_S * (1.0 - final_yaw_share) ** 2
+    noise[2, 4] = noise[4, 2] = motion_sigmas.yaw_rate**2 * MANOEUVRE_S * (1.0 - final_yaw_share) ** 2
     scale_to_uniform = min(1.0, UNIFORM_ANGLE_SIGMA / math.sqrt(noise[2, 2]))
     noise[2, :] *= scale_to_uniform
     noise[:, 2] *= scale_to_uniform
@@ -156,7 +154,7 @@ def predict_free_motion(
         speed * by_speed,
         by_speed,
         by_yaw_rate,
-        YAW_TIME_S * (1.0 - final_yaw_share),
+        MANOEUVRE_S * (1.0 - final_yaw_share),
         final_speed_share,
         final_yaw_share,
         noise,
@@ -168,11 +166,11 @@ def _heading_covariance(s: Array, u: Array, motion_sigmas: MotionSigmas) -> Arra
 
     The heading is an integrated Ornstein-Uhlenbeck process that starts at zero.
     """
-    scale = (motion_sigmas.yaw_rate * YAW_TIME_S) ** 2
-    decay_s, decay_u = np.exp(-s / YAW_TIME_S), np.exp(-u / YAW_TIME_S)
-    decay_between = np.exp(-np.abs(s - u) / YAW_TIME_S)
+    scale = (motion_sigmas.yaw_rate * MANOEUVRE_S) ** 2
+    decay_s, decay_u = np.exp(-s / MANOEUVRE_S), np.exp(-u / MANOEUVRE_S)
+    decay_between = np.exp(-np.abs(s - u) / MANOEUVRE_S)
     headings_covariance: Array = scale * (
-        2.0 * np.minimum(s, u) / YAW_TIME_S
+        2.0 * np.minimum(s, u) / MANOEUVRE_S
         - 2.0
         + 2.0 * (decay_s + decay_u)
         - decay_between
@@ -216,6 +214,6 @@ def _asymptotic_growth(motion_sigmas: MotionSigmas) -> float:
     """
     s = _TRANSIENT_S * _QUADRATURE_NODES**2
     weight = 2.0 * _TRANSIENT_S * _QUADRATURE_NODES * _QUADRATURE_WEIGHTS
-    ratio = s / YAW_TIME_S
-    mean_turn = (motion_sigmas.yaw_rate * YAW_TIME_S) ** 2 * (ratio - 1.0 + np.exp(-ratio))
+    ratio = s / MANOEUVRE_S
+    mean_turn = (motion_sigmas.yaw_rate * MANOEUVRE_S) ** 2 * (ratio - 1.0 + np.exp(-ratio))
     return float(np.sum(weight * motion_sigmas.speed**2 * np.exp(-s / _SPEED_TIME_S - mean_turn)))

@@ -11,7 +11,7 @@ from scipy.linalg.lapack import dpotrf, dtrtri
 
 from hubodo.arrays import Array
 from hubodo.fuse.wheel import mounting_check
-from hubodo.fuse.wheel.config import GATE_SIGMA, WheelConfig
+from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import (
     GYRO_BIAS_X,
     GYRO_BIAS_Y,
@@ -38,6 +38,7 @@ from hubodo.fuse.wheel.measurements import (
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.records import MeasurementTerms, WheelWindows
 from hubodo.fuse.wheel.slip_detector import ForwardResidual
+from hubodo.fuse.wheel.thresholds import GATE_SIGMA
 from hubodo.fuse.wheel.wheel import Wheel, WheelMode
 from hubodo.fuse.wheel.window import WINDOW_S
 

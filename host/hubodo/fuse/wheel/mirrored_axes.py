@@ -8,13 +8,10 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
-from hubodo.fuse.wheel.axle_rate import MIN_ROLLING_RATE
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
+from hubodo.fuse.wheel.thresholds import MIN_ROLLING_RATE
 from hubodo.recording import Table
 from hubodo.vehicle import facing_sign
-
-_TURNS_PER_BLOCK = 1
-"""Whole turns of a block: constant forces and the centripetal force of a steady spin average out."""
 
 _MIN_BLOCKS, _MAX_BLOCKS = 5, 200
 """Blocks required for a verdict, and those used at most. Estimated."""
@@ -62,10 +59,13 @@ def is_mirrored(node: WheelNode, table: Table) -> bool:
 
 
 def _blocks(t: Array, angle: Array, spin: Array, gyro_limit: float) -> list[slice]:
-    """Return the slices of samples, without gaps, of `_TURNS_PER_BLOCK` wheel turns in one direction."""
+    """Return the slices of samples, without gaps, of one wheel turn each.
+
+    In a whole turn constant forces and the centripetal force of a steady spin average out.
+    """
     blocks: list[slice] = []
     start = 0
-    turned = 2.0 * np.pi * _TURNS_PER_BLOCK
+    turned = 2.0 * np.pi
     while start < len(t) - 1 and len(blocks) < _MAX_BLOCKS:
         end = start + int(np.argmax(np.abs(angle[start:] - angle[start]) >= turned))
         if end == start:

@@ -22,22 +22,21 @@ from hubodo.fuse.wheel.entries import (
     StateLayout,
 )
 from hubodo.fuse.wheel.free_motion import (
-    HARD_ACCELERATION,
-    YAW_TIME_S,
     free_motion_variances,
     vehicle_motion_sigmas,
 )
 from hubodo.fuse.wheel.measurements import WindowNoise, forward, zero_velocity
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.records import WheelWindows
-from hubodo.fuse.wheel.wheel import MAX_MISSING_SHARE, reset_state
+from hubodo.fuse.wheel.thresholds import HARD_ACCELERATION, MANOEUVRE_WINDOWS, MAX_MISSING_SHARE
+from hubodo.fuse.wheel.wheel import reset_state
 from hubodo.fuse.wheel.window import WINDOW_S
 
-_SPEED_STEP_SIGMA, _YAW_RATE_STEP_SIGMA = 0.5, 0.5
+_RATE_STEP_SIGMA = 0.5
 """m/s and rad/s, process noise of measured speed and yaw rate per window, so large that the measurements
 decide. Unmeasured ones follow `free_motion.py`. Estimated."""
 
-_FORGOTTEN_YAW_WINDOWS = round(YAW_TIME_S / WINDOW_S)
+_FORGOTTEN_YAW_WINDOWS = MANOEUVRE_WINDOWS
 """Windows after which an unmeasured yaw rate starts again from zero: a vehicle does not drive in circles as
 long as its only wheel is beyond its range, and covariances about a circle are too thin along it."""
 
@@ -129,7 +128,7 @@ class MotionPrediction:
         measures_yaw = (
             has_surface_speeds or len(received) == 2 or any(wheel.angle_initialised for wheel in received)
         )
-        speed_variance, yaw_variance = _SPEED_STEP_SIGMA**2, _YAW_RATE_STEP_SIGMA**2
+        speed_variance, yaw_variance = _RATE_STEP_SIGMA**2, _RATE_STEP_SIGMA**2
         if not measures_yaw:
             free_speed_variance, yaw_variance = free_motion_variances(vehicle_motion_sigmas(max_speed))
             speed_variance = speed_variance if received or has_surface_speeds else free_speed_variance
@@ -158,7 +157,7 @@ class MotionPrediction:
         now = self._speed_change(x, windows)
         before, self._last_change = self._last_change or now, now
         if now is None or before is None:
-            p[speed, speed] += _SPEED_STEP_SIGMA**2
+            p[speed, speed] += _RATE_STEP_SIGMA**2
         else:
             limit = _MAX_VEHICLE_ACCELERATION * WINDOW_S
             x[speed] += min(limit, max(-limit, 0.5 * (before.change + now.change)))
@@ -174,7 +173,7 @@ class MotionPrediction:
             wheel.angle_initialised and window.missing < MAX_MISSING_SHARE for wheel, window in windows
         )
         p[yaw_rate, yaw_rate] += (
-            _YAW_RATE_STEP_SIGMA**2
+            _RATE_STEP_SIGMA**2
             if measures_yaw
             else free_motion_variances(vehicle_motion_sigmas(max_speed))[1]
         )

@@ -12,18 +12,14 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import NamedTuple
 
-from hubodo.fuse.wheel.window import MANOEUVRE_WINDOWS, WINDOW_S, WINDOWS_PER_SECOND, Window
+from hubodo.fuse.wheel.thresholds import GATE_SIGMA, MANOEUVRE_WINDOWS
+from hubodo.fuse.wheel.window import WINDOW_S, WINDOWS_PER_SECOND, Window
 
 _STANDSTILL_WINDOWS = WINDOWS_PER_SECOND
 """Windows in which a wheel must stand still: longer than a wheel pauses when it reverses."""
 
 _ROCKING_WINDOWS = MANOEUVRE_WINDOWS
 """Windows in which rocking is detected: hands that rock a wheel move it to and fro in them."""
-
-
-_SHAKING_SIGMAS = 3.0
-"""Sigmas of a force that shakes by which it may change while rocking, one in 370."""
-
 
 _MIN_SHAKING = 0.3
 """m/s², 1 sigma of a window's mean force. Less is within the declared noise of a vehicle at rest."""
@@ -127,7 +123,7 @@ class StandstillDetector:
         spin_bias: rad/s, bias of gz. across_bias: rad/s, bias of gx + i gy. sigma: rad/s, largest 1 sigma of
         these.
         """
-        limits, margin = self.limits, 3.0 * sigma
+        limits, margin = self.limits, GATE_SIGMA * sigma
         spin = window.spin / WINDOW_S - spin_bias
         if window.missing > 0.0 or abs(spin) >= limits.max_rocking_rate + margin:
             # Early exit, taken in most windows of a drive.
@@ -166,7 +162,7 @@ class StandstillDetector:
             and _is_rate_zero(list(self._quiet_windows), limits.rocking_rate + margin)[0]
         )
         first = self._quiet_windows[0].force
-        force_change = limits.rocking_force_change + _SHAKING_SIGMAS * math.sqrt(_force_scatter(last))
+        force_change = limits.rocking_force_change + GATE_SIGMA * math.sqrt(_force_scatter(last))
         if rocking and all(abs(it.force - first) < force_change for it in self._quiet_windows):
             return MotionState.ROCKING
         return MotionState.MOVING
@@ -199,7 +195,7 @@ def _is_rate_zero(past: Sequence[_QuietWindow], limit: float) -> tuple[bool, flo
     spin = sum(it.spin for it in past) / count
     across = sum(it.across for it in past) / count
     noise = _rate_noise([(it.spin, it.across) for it in past])
-    is_zero = max(abs(spin), abs(across)) < limit + 3.0 * math.sqrt(noise / count)
+    is_zero = max(abs(spin), abs(across)) < limit + GATE_SIGMA * math.sqrt(noise / count)
     is_zero &= max(abs(newest.spin), abs(newest.across)) < 2.0 * limit + 4.0 * math.sqrt(noise)
     return is_zero, noise
 

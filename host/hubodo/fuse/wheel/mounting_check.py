@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.fuse.wheel.config import GATE_SIGMA
-from hubodo.fuse.wheel.window import MANOEUVRE_WINDOWS, WINDOW_S, WINDOWS_PER_SECOND
+from hubodo.fuse.wheel.thresholds import GATE_SIGMA, MANOEUVRE_WINDOWS
+from hubodo.fuse.wheel.window import WINDOW_S, WINDOWS_PER_SECOND
 
 BOTH_WHEELS = 0.0
 """Verdict of `MountingCheck`: both wheels are distrusted."""

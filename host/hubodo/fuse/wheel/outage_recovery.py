@@ -14,11 +14,9 @@ from hubodo.fuse.wheel.motion_model import HeadingErrorInflation
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.outage_bridge import MAX_BRIDGED_OUTAGE_S, OutageEnd
 from hubodo.fuse.wheel.records import WheelWindows
+from hubodo.fuse.wheel.thresholds import DETECTION_WINDOWS
 from hubodo.fuse.wheel.wheel import MAX_WHEEL_SKEW_WINDOWS, Wheel, WheelMode
-from hubodo.fuse.wheel.window import WINDOW_S, WINDOWS_PER_SECOND, Window
-
-_MAX_RECOVERY_WINDOWS = 2 * WINDOWS_PER_SECOND + WINDOWS_PER_SECOND
-"""Windows after an outage within which gravity must show the wheel angles."""
+from hubodo.fuse.wheel.window import WINDOW_S, Window
 
 
 class _Step(NamedTuple):
@@ -67,7 +65,7 @@ class OutageRecovery:
 
     def is_over(self) -> bool:
         """Return True if gravity has not shown the wheel angles in time, or a gyro clips."""
-        return len(self.steps) > _MAX_RECOVERY_WINDOWS or any(
+        return len(self.steps) > DETECTION_WINDOWS or any(
             window.spin_clipped > 0.0 for step in self.steps[-1:] for _, window in step.windows
         )
 

@@ -20,11 +20,11 @@ from hubodo.fuse.wheel.entries import (
     X,
     Y,
 )
-from hubodo.fuse.wheel.free_motion import HARD_ACCELERATION
 from hubodo.fuse.wheel.measurements.steady import GRAVITY_SPEED_SIGMA, ONE_AXIS_SPEED_SIGMA
 from hubodo.fuse.wheel.spin_search import MAX_RATE_BEYOND, rederotate_window
+from hubodo.fuse.wheel.thresholds import BUMP_WINDOWS, HARD_ACCELERATION, SETTLING_WINDOWS
 from hubodo.fuse.wheel.wheel import MAX_ANGLE_ERROR, Wheel, reset_state
-from hubodo.fuse.wheel.window import BUMP_WINDOWS, WINDOW_S, Window
+from hubodo.fuse.wheel.window import WINDOW_S, Window
 
 _MIN_ARM_SIGMA = 0.004
 """m, 1 sigma below which the lever arm is not learnt while gravity is searched: the arm that was assumed is
@@ -34,7 +34,7 @@ start clipped: errors of 1 to 6 mm, where the covariance claims 0.6."""
 _MAX_BLIND_VARIANCE = MAX_RATE_BEYOND**2 / 12.0
 """(rad/s)², of a uniform distribution over the rates that are searched."""
 
-_MAX_BLIND_WINDOWS = 5
+_MAX_BLIND_WINDOWS = SETTLING_WINDOWS
 """Consecutive windows without gravity in any axis after which the wheel angle is unknown: at 3 m/s² of
 braking the angle of a wheel of 0.3 m is then off by 1.3 rad."""
 

@@ -20,10 +20,7 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.gravity_rotation import MIN_SEARCH_SAMPLES, RATE_TOLERANCE, Chirp, GravitySamples
 from hubodo.fuse.wheel.measurements.steady import NodeFixedTerms
-
-_MIN_AXIS_SHARE = 0.5
-"""Share of the samples that an axis must have in range. Below it, clipping selects the samples in which
-vibration reduces the force, and their mean is biased."""
+from hubodo.fuse.wheel.thresholds import MAX_MISSING_SHARE
 
 _MIN_AMPLITUDE_RATIO = 6.0
 """Ratio of the amplitude and its standard deviation. The maximum over some thousand pairs of rate and slope
@@ -53,7 +50,8 @@ class SingleAxisSamples(NamedTuple):
 
         in_range: (N, 2), True where an axis of a sample is in range.
         """
-        is_used = in_range & (np.mean(in_range, axis=0) >= _MIN_AXIS_SHARE)
+        # On an axis with less in range, clipping selects the samples in which vibration reduces the force.
+        is_used = in_range & (np.mean(in_range, axis=0) >= 1.0 - MAX_MISSING_SHARE)
         if np.count_nonzero(is_used) < MIN_SEARCH_SAMPLES:
             return None
         force = np.column_stack([samples.force.real, samples.force.imag]) * is_used

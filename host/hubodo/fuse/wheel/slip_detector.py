@@ -13,9 +13,14 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from hubodo.fuse.wheel.axle_rate import MIN_ROLLING_RATE
-from hubodo.fuse.wheel.config import GATE_SIGMA
-from hubodo.fuse.wheel.window import MANOEUVRE_WINDOWS, WINDOW_S
+from hubodo.fuse.wheel.thresholds import (
+    GATE_SIGMA,
+    MANOEUVRE_S,
+    MANOEUVRE_WINDOWS,
+    MIN_ROLLING_RATE,
+    SETTLING_WINDOWS,
+)
+from hubodo.fuse.wheel.window import WINDOW_S
 
 SUM_LENGTHS_WINDOWS = (1, 2, 3, 4, 5, 7, 10, 14, 20, 30, 40, 60)
 """Windows per sum. What grows for longer than six seconds is indistinguishable from a slope."""
@@ -33,10 +38,10 @@ _AXLE_LEAN = 0.1
 """m/s² per rad/s of yaw rate, 1 sigma: 0.01 rad of unmodelled axle lean rotates the wheel angle with the yaw
 for a second. Estimated."""
 
-_ACCEL_RIPPLE, _SLOPE_TIME_S = 0.15, 2.0
+_ACCEL_RIPPLE = 0.15
 """m/s², 1 sigma of the ripple of an accelerometer across the axle, twice a turn by unequal scales (1 % of
-gravity) and once by a bias; s in which the slope state follows a ripple. On a wheel that turns slower than
-that, the ripple looks like a slope that ends. Estimated."""
+gravity) and once by a bias. The slope state follows it on a wheel that hardly turns in `MANOEUVRE_S`: it then
+looks like a slope that ends. Estimated."""
 
 _AGREEMENT_WINDOWS = MANOEUVRE_WINDOWS
 """Consecutive windows, of a wheel faster than `MIN_ROLLING_RATE`, in which the accelerometer must agree with
@@ -46,7 +51,7 @@ _STANDSTILL_LIMIT_WINDOWS = 300
 """Windows of standstill (30 s), in which learnt parameters of a noisy node drift, after which the
 accelerometer must agree again. Estimated."""
 
-_NEAR_WINDOWS = 5
+_NEAR_WINDOWS = SETTLING_WINDOWS
 """Windows near the vehicle speed after which a slip ends that lost speed in a jump: longer than a wheel that
 spins down takes to pass through that speed. Estimated."""
 
@@ -178,7 +183,7 @@ class SlipDetector:
                 agrees = forward.residual**2 < GATE_SIGMA**2 * forward.variance
                 self._agreeing_windows = self._agreeing_windows + 1 if agrees else 0
             return None
-        ripple = _ACCEL_RIPPLE / math.hypot(1.0, _SLOPE_TIME_S * rate)
+        ripple = _ACCEL_RIPPLE / math.hypot(1.0, MANOEUVRE_S * rate)
         residual, variance, common_sigma = self._totals
         self._sums.append(_RunningSums(number, residual, variance, common_sigma, forward.slope))
         # Undo the adaptation of the slope state to the slip.

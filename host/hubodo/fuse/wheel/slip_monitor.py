@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hubodo.fuse.wheel.config import GATE_SIGMA
 from hubodo.fuse.wheel.entries import HEADING, SPEED, X, Y
 from hubodo.fuse.wheel.measurement_update import UpdateResult
 from hubodo.fuse.wheel.measurements import rolling
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.slip_detector import MAX_SLIP_WINDOWS, SUM_LENGTHS_WINDOWS, ForwardResidual
+from hubodo.fuse.wheel.thresholds import GATE_SIGMA
 from hubodo.fuse.wheel.wheel import Wheel
 from hubodo.fuse.wheel.window import WINDOW_S, Window
 from hubodo.fuse.wheel.window_processor import WindowProcessor

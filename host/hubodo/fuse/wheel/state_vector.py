@@ -12,7 +12,7 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.calibration.file import Quantity
-from hubodo.fuse.wheel.config import GATE_SIGMA, WheelConfig
+from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import (
     GYRO_SCALE_ACROSS,
     GYRO_SCALE_COVARIANCE,
@@ -31,6 +31,7 @@ from hubodo.fuse.wheel.measurements.position import Position
 from hubodo.fuse.wheel.motion_state import StandstillDetector
 from hubodo.fuse.wheel.records import History, MeasurementTerms, StateChange, StateTransition
 from hubodo.fuse.wheel.spin_search import SpinTracker
+from hubodo.fuse.wheel.thresholds import GATE_SIGMA
 from hubodo.fuse.wheel.wheel import Wheel
 from hubodo.vehicle import side_sign
 

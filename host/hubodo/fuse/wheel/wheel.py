@@ -11,8 +11,7 @@ from enum import Enum
 
 from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
-from hubodo.fuse.wheel.axle_rate import MIN_ROLLING_RATE
-from hubodo.fuse.wheel.config import GATE_SIGMA, WheelNode
+from hubodo.fuse.wheel.config import WheelNode
 from hubodo.fuse.wheel.entries import (
     ACCEL_BIAS_X,
     ACCEL_BIAS_Y,
@@ -28,12 +27,16 @@ from hubodo.fuse.wheel.measurements.steady import GRAVITY_SPEED_SIGMA, NodeFixed
 from hubodo.fuse.wheel.motion_state import StandstillDetector
 from hubodo.fuse.wheel.slip_detector import SlipDetector
 from hubodo.fuse.wheel.spin_search import SpinTracker, find_spin
-from hubodo.fuse.wheel.window import BUMP_WINDOWS, EMPTY_WINDOW, WINDOW_S, Window
+from hubodo.fuse.wheel.thresholds import (
+    BUMP_WINDOWS,
+    GATE_SIGMA,
+    MAX_MISSING_SHARE,
+    MIN_ROLLING_RATE,
+    SETTLING_WINDOWS,
+)
+from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, Window
 
-MAX_MISSING_SHARE = 0.5
-"""Share of a window without samples from which on the window is not used at all. Estimated."""
-
-_MIN_IN_RANGE_WINDOWS = 5
+_MIN_IN_RANGE_WINDOWS = SETTLING_WINDOWS
 """Newest windows from which the angle is initialised if their gyro is in range: half a second, in which a
 wheel at the range of a usual gyro turns twice. Older windows are then not used."""
 
@@ -41,7 +44,7 @@ MAX_ANGLE_ERROR = GATE_SIGMA * WHEEL_ANGLE.prior
 """rad; a wheel angle is unknown beyond it, as change of the direction of gravity or as sigma: the prior is
 the tilt by hard braking."""
 
-_GRAVITY_UPDATE = 0.2
+_GRAVITY_UPDATE = 1.0 / SETTLING_WINDOWS
 """Weight of a window in the exponential smoothing of the direction of gravity before a gap: half a second of
 memory, shorter than a manoeuvre and longer than a bump. Estimated."""
 

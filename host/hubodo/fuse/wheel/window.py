@@ -19,12 +19,6 @@ WINDOWS_PER_SECOND = round(1.0 / WINDOW_S)
 radio, and shorter than a manoeuvre. Estimated.
 """
 
-MANOEUVRE_WINDOWS = 20
-"""Windows in 2 s, in which hands rock a wheel to and fro and a driver turns a steering wheel. Estimated."""
-
-BUMP_WINDOWS = 3
-"""Consecutive windows that no bump or pothole fills; each of them fills one. Estimated."""
-
 _FULL_SHARE = 1.0 - 1e-9
 """Share of a window from which on all of it is clipped, but for rounding."""
 
