@@ -6,9 +6,10 @@ import pandas as pd
 import pytest
 
 from in_process import hubodo
+from repetitions import first_and_more
 from vehicles import DRIVE_MODEL, LOW_INPUT_NOISE
 
-VERBS = {
+OPTIONS = {
     "fuse": ("--vehicle", "MODEL"),
     "report": ("--vehicle", "MODEL"),
     "export": ("--format", "parquet"),
@@ -42,11 +43,11 @@ def finished(out):
     return pd.concat(pd.read_parquet(path) for path in (out / "finished").iterdir())
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("verb", ["fuse", "export", *first_and_more("calibrate wheels", "report")])
 def test_a_verb_gives_the_result_of_a_single_run(drives, tmp_path, here, verb):
     model, logs = drives
     log, out = logs / "van-2" / "a.mcap", tmp_path / "out"
-    options = [model if word == "MODEL" else word for word in VERBS[verb]]
+    options = [model if word == "MODEL" else word for word in OPTIONS[verb]]
     done = hubodo("batch", *verb.split(), log, *options, "-o", out, *here)
     assert done.code == 0, done.err
     row = finished(out).iloc[0]

@@ -175,14 +175,6 @@ def _jumping_positions(exact: Positions, seed: int) -> Positions:
     return replace(exact, x=exact.x + error[0], y=exact.y + error[1])
 
 
-def test_positions_that_jump_again_and_again_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    skip_held_out_segments(monkeypatch)
-    drive = _loop_drive(77, 60.0)
-    jumping = _jumping_positions(_exact_positions(drive, 77), 77)
-    with pytest.raises(CalibrationError, match=r"jumped [0-9]+ times among .*nothing is written"):
-        calibrate_wheels(config(drive), tables(drive), jumping)
-
-
 def test_a_truth_that_jumps_ends_with_exit_code_2_in_one_line_and_writes_nothing(tmp_path: Path) -> None:
     drive = _loop_drive(77, 60.0)
     jumping = _jumping_positions(_exact_positions(drive, 77), 77)
@@ -192,14 +184,16 @@ def test_a_truth_that_jumps_ends_with_exit_code_2_in_one_line_and_writes_nothing
     output = tmp_path / "c.toml"
     done = hubodo("calibrate", "wheels", tmp_path / "log", "--vehicle", tmp_path / "v.toml", "-o", output)
     assert done.code == 2 and not output.exists()
-    assert re.search(r"the positions jumped [0-9]+ times", done.err.strip().splitlines()[-1])
+    assert re.search(
+        r"the positions jumped [0-9]+ times among .*nothing is written", done.err.strip().splitlines()[-1]
+    )
     assert len(done.err.strip().splitlines()) == 1
 
 
 def test_a_tight_prior_keeps_the_track_width_fixed(monkeypatch: pytest.MonkeyPatch) -> None:
     """A track width known to 1 mm is not estimated; the calibration by the verb estimates it."""
     skip_held_out_segments(monkeypatch)
-    drive = _loop_drive(77, 60.0)
+    drive = _loop_drive(77, 60.0, FAST)
     fixed = calibrate_wheels(
         config(drive), tables(drive), _exact_positions(drive, 77), WheelPriors(track=0.001)
     )
@@ -232,7 +226,7 @@ def test_held_out_segments_show_whether_a_calibration_improves() -> None:
 
 
 def test_a_calibration_that_worsens_held_out_segments_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    drive = _loop_drive(79, 60.0)
+    drive = _loop_drive(79, 60.0, FAST)
     module = "hubodo.fuse.wheel.calibration.calibrate.measure_held_out_errors"
     monkeypatch.setattr(module, lambda *_: HeldOutErrors(ErrorSummary(0.1, 0.2), ErrorSummary(0.15, 0.25), 4))
     with pytest.raises(
@@ -287,7 +281,7 @@ def test_on_a_straight_drive_track_width_and_yaw_scale_are_not_observable(
 
 def test_one_node_does_not_observe_the_track_width(monkeypatch: pytest.MonkeyPatch) -> None:
     skip_held_out_segments(monkeypatch)
-    drive = _loop_drive(74, 60.0)
+    drive = _loop_drive(74, 60.0, FAST)
     calibration = calibrate_wheels(config(drive, ("left",)), tables(drive), _exact_positions(drive, 74))
     assert calibration.vehicle == {}
     assert any("one node does not show it" in line for line in calibration.not_observable)

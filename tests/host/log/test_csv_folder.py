@@ -87,7 +87,7 @@ def bits(values: list[float]) -> list[bytes]:
     return [struct.pack("<d", value) for value in values]
 
 
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(data=st.data())
 def test_import_then_export_gives_back_every_number_of_every_column(
     data: st.DataObject, tmp_path_factory

@@ -12,7 +12,6 @@ from browser_page import Page
 from generators.noise import gyro_noise
 from generators.poses import Errors, carry
 from hubodo.calibration.file import read_calibration
-from hubodo.log.csv_folder import write_folder
 from hubodo.log.recording_writer import write_recording
 from hubodo.recording import NODE_COLUMNS, Recording, Table
 from hubodo.report.sensor_sheet import SensorSheet
@@ -24,11 +23,11 @@ UPRIGHT = np.array([0.0, 0.0, 9.81])
 COLD_BIAS, TIME_CONSTANT = 4e-3, 300.0
 
 
-def write_log(folder, t, gyro, accel):
+def write_log(path, t, gyro, accel):
     names = ("gx", "gy", "gz", "ax", "ay", "az")
     columns = dict(zip(names, np.hstack([gyro, accel]).T, strict=True))
-    write_folder(Recording({"left": Table({"t": t, **columns})}), folder)
-    return folder
+    write_recording(Recording({"left": Table({"t": t, **columns})}), path)
+    return path
 
 
 @pytest.fixture(scope="module")
@@ -38,13 +37,13 @@ def logs(tmp_path_factory):
     count, dt = 6000, 0.05
     gyro = np.column_stack([gyro_noise(count, dt, rng, n=1e-3, b=1e-4, k=1e-5) for _ in range(3)])
     accel = np.column_stack([gyro_noise(count, dt, rng, n=2e-3, b=2e-4, k=1e-5) for _ in range(3)])
-    still = write_log(folder / "still", np.arange(count) * dt, gyro, accel + UPRIGHT)
+    still = write_log(folder / "still.mcap", np.arange(count) * dt, gyro, accel + UPRIGHT)
     t = np.arange(0.0, 1800.0, 0.5)
     drift = COLD_BIAS * (1.0 - np.exp(-t / TIME_CONSTANT))
     gyro = np.column_stack([np.zeros_like(t), np.zeros_like(t), drift]) + rng.normal(0.0, 3e-4, (len(t), 3))
-    cold = write_log(folder / "cold", t, gyro, rng.normal(0.0, 0.02, (len(t), 3)) + UPRIGHT)
+    cold = write_log(folder / "cold.mcap", t, gyro, rng.normal(0.0, 0.02, (len(t), 3)) + UPRIGHT)
     carried = carry(rng, Errors(b=(0.01, -0.02, 0.0)), Errors(b=(0.1, -0.05, 0.2)))
-    poses = write_log(folder / "poses", carried.t, carried.gyro, carried.accel)
+    poses = write_log(folder / "poses.mcap", carried.t, carried.gyro, carried.accel)
     return still, cold, poses
 
 

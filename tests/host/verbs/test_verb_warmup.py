@@ -13,7 +13,7 @@ from generators import start_gyro as start
 from generators.noise import gyro_noise
 from hubodo.calibration.file import read_calibration
 from hubodo.cli import main
-from hubodo.log.csv_folder import write_folder
+from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Recording, Table
 from in_process import hubodo
 
@@ -32,7 +32,8 @@ def write_log(path: Path, gz, dt, **more) -> Path:
     }
     columns |= {"ax": rng.normal(0, 0.02, count), "ay": rng.normal(0, 0.02, count)}
     columns |= {"az": 9.8 + rng.normal(0, 0.02, count), **more}
-    write_folder(Recording({"left": Table(columns)}), path)
+    path = path.with_suffix(".mcap")
+    write_recording(Recording({"left": Table(columns)}), path)
     return path
 
 

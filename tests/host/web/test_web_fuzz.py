@@ -67,7 +67,7 @@ def status_of(port, request):
     return int(answer.split(b" ")[1]) if answer else None
 
 
-@settings(max_examples=150)
+@settings(max_examples=75)
 @given(st.data())
 def test_no_random_request_causes_a_server_error(server, data):
     port, csrf = server

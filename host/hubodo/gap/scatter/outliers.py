@@ -217,14 +217,13 @@ def _group_gains(z: Array, counts: Array, outlier_sigmas: Array) -> Array:
     """
     scales = np.linspace(0.9, 1.3, 21)[:, None]
     noise_only = float(np.max(np.sum(counts * (-0.5 * (z / scales) ** 2 - np.log(scales)), axis=1)))
-    gains = np.empty((len(_OUTLIER_SHARES), len(outlier_sigmas)))
-    inverse_width = 1.0 / np.sqrt(1.0 + outlier_sigmas**2)
-    narrow = np.exp(-0.5 * z**2)
-    for j, share in enumerate(inverse_width):
-        wide_density = share * np.exp(-0.5 * (z * share) ** 2)
-        mixed = (1.0 - _OUTLIER_SHARES[:, None]) * narrow + _OUTLIER_SHARES[:, None] * wide_density
-        gains[:, j] = np.log(np.maximum(mixed, 1e-300)) @ counts - noise_only
-    return gains
+    shares = _OUTLIER_SHARES[:, None]
+    width = 1.0 / np.sqrt(1.0 + outlier_sigmas[:, None] ** 2)
+    density = shares[:, None] * (width * np.exp(-0.5 * (z * width) ** 2))
+    density += ((1.0 - shares) * np.exp(-0.5 * z**2))[:, None]
+    # In place, because the array of all shares, sigmas and readings is large.
+    np.log(np.maximum(density, 1e-300, out=density), out=density)
+    return np.asarray(density @ counts - noise_only)
 
 
 def _neighbour_median(z: Array) -> Array:

@@ -63,8 +63,13 @@ def often(seed):
 # The first clock request is sent 30 ms after the start.
 @pytest.mark.parametrize(
     "stretches",
-    [[(0.0302, 1.5)], [(0.0302, 0.35), (0.3702, 0.6)], [(3.0, 5.0)], often(1), often(2)],
-    ids=["at the first question", "twice at the start", "on the way", "often", "often, again"],
+    [
+        pytest.param([(0.0302, 1.5)], id="at the first question"),
+        pytest.param([(0.0302, 0.35), (0.3702, 0.6)], id="twice at the start", marks=pytest.mark.repeat),
+        pytest.param([(3.0, 5.0)], id="on the way", marks=pytest.mark.repeat),
+        pytest.param(often(1), id="often"),
+        pytest.param(often(2), id="often, again", marks=pytest.mark.repeat),
+    ],
 )
 def test_intervals_stay_those_of_the_node_to_100_ppm(tmp_path, stretches):
     out, computer = tmp_path / "ride.mcap", StarvedComputer(stretches)

@@ -13,8 +13,9 @@ from generators.noise import gyro_noise
 from hubodo.cli import main
 from hubodo.effects.warmup import WarmupModel
 from hubodo.fuse.heading_filter import BiasNoise
-from hubodo.log.csv_folder import read_folder, write_folder
+from hubodo.log.csv_folder import read_folder
 from hubodo.log.csv_table import read_table
+from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Recording, Table
 from hubodo.sensors.allan.characterise import characterise_noise
 from hubodo.sensors.heading.standstill import estimate_angle_random_walk
@@ -41,7 +42,7 @@ def noise_file(**values):
 
 
 def log(path, gz, dt=DT, *, down=False, t=None, **tables):
-    """Write a folder with one node, z up or hung upside down (turned about x), and the given tables."""
+    """Write a log with one node, z up or hung upside down (turned about x), and the given tables."""
     count = len(gz)
     rng = np.random.default_rng(count)
     columns = {name: rng.normal(0.0, 1e-3, count) for name in ("gx", "gy", "ax", "ay")}
@@ -50,7 +51,8 @@ def log(path, gz, dt=DT, *, down=False, t=None, **tables):
         columns |= {name: -columns[name] for name in ("gy", "gz", "ay", "az")}
     t = np.arange(count) * dt if t is None else t
     order = ("gx", "gy", "gz", "ax", "ay", "az")
-    write_folder(Recording({"frame": Table({"t": t} | {n: columns[n] for n in order})}, **tables), path)
+    path = path.with_suffix(".mcap")
+    write_recording(Recording({"frame": Table({"t": t} | {n: columns[n] for n in order})}, **tables), path)
     return path
 
 
@@ -214,16 +216,16 @@ def test_the_error_of_the_start_gyro_agrees_with_sigma(tmp_path, capsys):
 
 def test_a_stationary_real_gyro_treated_as_moving_drifts_within_sigma():
     """ADIS16405: a minute at rest, then two or five minutes in which the rate is not known to be zero."""
-    node = read_folder(wanted.recording("static")).nodes["node"]
+    path = wanted.recording("static") / "node.csv.gz"
+    t, *gyro = np.loadtxt(path, delimiter=",", skiprows=1, usecols=range(4)).T
     off, white = [], []
-    for axis, channel in enumerate(("gx", "gy", "gz")):
-        values = node.gyro[:, axis]
-        terms = characterise_noise(node.t, values, channel).fit.terms
+    for values, channel in zip(gyro, ("gx", "gy", "gz"), strict=True):
+        terms = characterise_noise(t, values, channel).fit.terms
         n, b, k = (terms[name].value or 0.0 for name in "NBK")
         for seconds in (180, 360):
             for first in range(0, len(values) - 100 * seconds, 100 * seconds):
                 part = slice(first, first + 100 * seconds)
-                one = VerticalAxis(node.t[part], values[part], values[part])
+                one = VerticalAxis(t[part], values[part], values[part])
                 for noise, built in ((BiasNoise(n, b, k), off), (BiasNoise(n), white)):
                     track = estimate_heading(one, ((0, 6000),), WarmupModel(0.0), noise, step=10.0)
                     built.append(float(track.heading[-1] / track.sigma[-1]))

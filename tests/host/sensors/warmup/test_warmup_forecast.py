@@ -12,6 +12,7 @@ from hubodo.sensors.warmup.bias_method import choose_bias_method
 from hubodo.sensors.warmup.characterise import characterise_warmup
 from hubodo.sensors.warmup.fit import fit_warmup
 from hubodo.sensors.warmup.forms import RecordNoise
+from repetitions import first_and_more
 
 DEG = np.pi / 180.0
 
@@ -21,7 +22,7 @@ def record(bias, seed, noise=0.1):
     return t, (bias + np.random.default_rng(seed).normal(0.0, noise, len(t))) * DEG
 
 
-@pytest.mark.parametrize("form", warm_ups.FORMS)
+@pytest.mark.parametrize("form", first_and_more(*reversed(warm_ups.FORMS)))
 def test_the_bias_an_hour_and_three_after_the_record_is_within_the_sigma(form):
     """`tests/accuracy/warmup_forms.py` uses many seeds."""
     seed = 0
