@@ -22,7 +22,8 @@ def create(board, link):
         from node import Node
 
         node = Node(board, link)
-    if settings.get("park_after_s") and settings["link"] not in ("udp", "ble") and sys.platform == "rp2":
+    can_sleep = settings["link"] not in ("udp", "ble", "espnow") and sys.platform in ("rp2", "esp32")
+    if settings.get("park_after_s") and can_sleep:
         import parking
 
         node.slow = parking.Parking(node)

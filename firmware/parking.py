@@ -6,8 +6,10 @@ that woke the node is among them. The FIFO is read to its end before each change
 
 `lightsleep` of the rp2 port (MicroPython 1.24 to 1.28) ends with its time, or early at an edge of a pin that
 has a handler; ticks go on. A watchdog that expires in it can lock up an RP2040, so it lasts less than that.
+On an ESP32 it ends early at the level of the pin of `esp32.wake_on_ext0`; an RC oscillator keeps the time.
 """
 
+import sys
 from time import sleep_us, ticks_add, ticks_diff, ticks_ms, ticks_us
 
 import machine
@@ -34,6 +36,22 @@ _HARMLESS = (TIME_REQUEST, PING, GET_HELLO)
 """Requests that a node answers without an end of its sleep."""
 
 
+def _wake_pin(number):
+    """Return the pin that ends a sleep when INT1 rises; None where the port cannot do that with this pin."""
+    pin = machine.Pin(number, machine.Pin.IN, machine.Pin.PULL_DOWN)
+    if sys.platform != "esp32":
+        pin.irq(_ignore, machine.Pin.IRQ_RISING)
+        return pin
+    try:
+        import esp32
+
+        esp32.wake_on_ext0(pin, esp32.WAKEUP_ANY_HIGH)
+    except (AttributeError, ValueError):
+        # A C3 lacks the function, and the others accept the pins of their RTC alone.
+        return None
+    return pin
+
+
 def _ignore(pin):
     """Handle the edge of a pin: nothing to do, but without a handler it ends no sleep."""
 
@@ -48,8 +66,7 @@ class Parking(SlowSampling):
         self._words = [0] * ROW
         number = node.board.pins.get("wake", -1)
         if number >= 0:
-            self._pin = machine.Pin(number, machine.Pin.IN, machine.Pin.PULL_DOWN)
-            self._pin.irq(_ignore, machine.Pin.IRQ_RISING)
+            self._pin = _wake_pin(number)
 
     def use(self, values, first, count):
         """Check a batch at full rate for motion."""

@@ -13,7 +13,8 @@ from hubodo.log.records import ImuBlock
 from hubowire import messages as m
 from virtual_runs import match_samples, messages_of, run
 
-WAKE_PIN = 6
+WAKE_PINS = {"pico": 6, "esp32": 4, "esp32_s3": 4, "esp32_c3": 0}
+UARTS = {"pico": 0, "esp32": 2, "esp32_s3": 1, "esp32_c3": 1}
 PARK_AFTER_S = 1
 CYCLE_S, MOTION_S = 9.0, 1.5
 SLOW_PERIOD_S = 0.03
@@ -58,18 +59,29 @@ def interrupted_standstill(cycles, seed, jolt=6.0):
     return RecordedMotion(t, gyro, force, temperature_c=25.0, start=0.0), starts
 
 
-def park(cycles, *, chip="lsm6dso", wired=True, seed=1, interpreter="cpython", rate_hz=416, **settings):
+def park(
+    cycles,
+    *,
+    chip="lsm6dso",
+    wired=True,
+    seed=1,
+    interpreter="cpython",
+    model="pico",
+    rate_hz=416,
+    **settings,
+):
     """Run a node through `cycles` sleeps and wake-ups; wired: True if INT1 is wired to a pin."""
+    wake_pin = WAKE_PINS[model]
     motion, starts = interrupted_standstill(cycles, seed)
     config = {"link": "uart", "park_after_s": PARK_AFTER_S, "rate_hz": rate_hz}
     if wired:
-        config["pins"] = {"wake": WAKE_PIN}
+        config["pins"] = {"wake": wake_pin}
     sent, truth, stats = run(
         cycles * CYCLE_S + 1.0,
         motion=motion,
         config=config,
-        sensors=SensorBoard(chip, interrupt_pin=WAKE_PIN),
-        board=BoardSettings(interpreter=interpreter, uart_link=0),
+        sensors=SensorBoard(chip, interrupt_pin=wake_pin),
+        board=BoardSettings(interpreter=interpreter, uart_link=UARTS[model], model=model),
         **settings,
     )
     decoder = NodeDecoder("left")

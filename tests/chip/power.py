@@ -55,12 +55,46 @@ REPORT_S, REPORT_INTERVAL_S = 0.008, 4.0
 
 4.9 ms on an emulated Pico (`--report`); assumed: 2 ms until a UART has sent it, 1 ms until the clocks run.
 """
+
+
+@dataclass(frozen=True)
+class ParkedBoard:
+    """A board that parks: its loads asleep and awake, and how often it wakes up to read the motion detector.
+
+    polls_hz: 0 where the wire from INT1 ends the sleep. is_linear: its regulator passes the sensor's current.
+    """
+
+    asleep: Load
+    awake: Load
+    polls_hz: float = 0.0
+    is_linear: bool = True
+
+
+POLL_S = 0.002
+"""Time awake for a read of the detector, with the start of the clocks: assumed."""
 PARKED_BOARDS = (
-    Load("Pico, machine.lightsleep() until a pin", 0.9, 5.0, "measured, micropython commit b004e7e"),
-    Load("XIAO ESP32-C3, machine.deepsleep", 0.05, 3.8, "measured, forum.seeedstudio.com topic 284207"),
-    Load("XIAO ESP32-S3, machine.deepsleep", 0.3, 3.3, "measured, same topic; 0.01 mA at 3.8 V"),
+    ParkedBoard(ASLEEP, AWAKE, is_linear=False),
+    ParkedBoard(
+        Load(
+            "XIAO ESP32-S3, lightsleep",
+            0.54,
+            3.8,
+            "chip: Espressif, 0.24 mA; board: measured, 0.3 mA, topic 284207",
+        ),
+        Load("XIAO ESP32-S3, computing", 45.0, 3.8, "assumed: Espressif, modem-sleep at 160 MHz and more"),
+    ),
+    ParkedBoard(
+        Load(
+            "XIAO ESP32-C3, lightsleep",
+            0.18,
+            3.8,
+            "chip: Espressif, 0.13 mA; board: measured, 0.05 mA, topic 284207",
+        ),
+        Load("XIAO ESP32-C3, computing", 25.0, 3.8, "assumed: Espressif, modem-sleep at 160 MHz"),
+        polls_hz=10.0,
+    ),
 )
-"""Boards that sleep until a pin wakes them, without reports meanwhile; the firmware does not do that yet."""
+"""Topic 284207 of forum.seeedstudio.com measured whole boards in deep sleep, at the pads of the battery."""
 MAGNETOMETER = Load("LIS3MDL", 0.27, 3.3, "ST DocID024204, ultra-high performance at 20 Hz", True)
 RADIO = Load(
     "nRF24L01+, sending a tenth of the time",
@@ -89,17 +123,11 @@ def node_milliwatts(awake: float, *loads: Load) -> float:
     return board + sum(map(milliwatts, loads))
 
 
-def asleep_milliwatts() -> float:
-    """Return the power of a parked node: asleep except for its reports, radio and magnetometer off."""
-    share = REPORT_S / REPORT_INTERVAL_S
-    board = share * milliwatts(AWAKE) + (1.0 - share) * milliwatts(ASLEEP)
-    return board + milliwatts(IMU_ASLEEP)
-
-
-def parked_milliwatts(board: Load) -> float:
-    """Return the power of one of PARKED_BOARDS with its IMU; a XIAO has a linear regulator."""
-    is_pico = board.name.startswith("Pico")
-    return milliwatts(board) + (milliwatts(IMU_ASLEEP) if is_pico else IMU_ASLEEP.milliamps * CELL_VOLTS)
+def parked_milliwatts(board: ParkedBoard) -> float:
+    """Return the power of a parked node: asleep but for reports and polls; radio and magnetometer are off."""
+    share = REPORT_S / REPORT_INTERVAL_S + board.polls_hz * POLL_S
+    imu = IMU_ASLEEP.milliamps * CELL_VOLTS if board.is_linear else milliwatts(IMU_ASLEEP)
+    return share * milliwatts(board.awake) + (1.0 - share) * milliwatts(board.asleep) + imu
 
 
 def hours(amp_hours: float, power: float) -> float:
@@ -176,7 +204,7 @@ def life_table(shares: dict[str, float]) -> Table:
         )
     if {"default", "parked"} <= set(shares):
         driving = node_milliwatts(shares["default"], IMUS[0], MAGNETOMETER, RADIO)
-        asleep = asleep_milliwatts()
+        asleep = parked_milliwatts(PARKED_BOARDS[0])
         for name, parked in (
             ("2 h driving a day, parked at 26 Hz", node_milliwatts(shares["parked"], IMUS[0])),
             ("2 h driving a day, parked asleep", asleep),
@@ -190,19 +218,20 @@ def life_table(shares: dict[str, float]) -> Table:
 
 def parked_table() -> Table:
     """Return the battery life of a parked node with an LSM6DSO, by board."""
-    shown = Table("parked", "reports", "power", *CELLS)
-    rows = [(ASLEEP.name, f"every {REPORT_INTERVAL_S:g} s", asleep_milliwatts())]
-    rows += [(board.name, "none", parked_milliwatts(board)) for board in PARKED_BOARDS]
-    for name, reports, power in rows:
+    shown = Table("parked", "ends its sleep", "power", *CELLS)
+    for board in PARKED_BOARDS:
+        power = parked_milliwatts(board)
         lives = (f"{hours(c, power) / 24:.0f} days" for c in CELLS.values())
-        shown.add_row(name, reports, f"{power:.1f} mW", *lives)
+        ends = f"read every {1 / board.polls_hz:g} s" if board.polls_hz else "wire from INT1"
+        shown.add_row(board.asleep.name, ends, f"{power:.1f} mW", *lives)
     return shown
 
 
 def load_table() -> Table:
     """Return the currents, at the voltage of their source and as power of the cell."""
     shown = Table("load", "current", "power at the cell", "source")
-    for load in (AWAKE, WAITING, ASLEEP, *PARKED_BOARDS, *IMUS, IMU_ASLEEP, MAGNETOMETER, RADIO):
+    boards = (load for board in PARKED_BOARDS[1:] for load in (board.asleep, board.awake))
+    for load in (AWAKE, WAITING, ASLEEP, *boards, *IMUS, IMU_ASLEEP, MAGNETOMETER, RADIO):
         current = f"{load.milliamps:g} mA at {load.volts:g} V"
         shown.add_row(load.name, current, f"{milliwatts(load):.2f} mW", load.source)
     return shown

@@ -5,13 +5,17 @@ import pytest
 
 from hubodo.emulator.board.settings import BoardSettings, SensorBoard
 from hubowire import messages as m
-from parking_runs import PARK_AFTER_S, park
+from parking_runs import PARK_AFTER_S, WAKE_PINS, park
+from repetitions import first_and_more
 from virtual_runs import run
 
 
-@pytest.mark.parametrize(("chip", "wired"), [("lsm6dso", True), ("lsm6ds33", False)])
-def test_a_parked_node_sleeps_and_loses_no_sample_from_before_its_wake_up(chip, wired):
-    result = park(2, chip=chip, wired=wired)
+@pytest.mark.parametrize(
+    ("model", "chip", "wired"),
+    [("pico", "lsm6dso", True), ("pico", "lsm6ds33", False), ("esp32_s3", "lsm6dso", True)],
+)
+def test_a_parked_node_sleeps_and_loses_no_sample_from_before_its_wake_up(model, chip, wired):
+    result = park(2, model=model, chip=chip, wired=wired)
     assert result.falls_asleep >= 2 and result.lost == 0
     # Time to notice: an edge at once, the register every 0.1 s; then a sample at 26 Hz, and the FIFO.
     assert np.all(result.delays < (0.15 if wired else 0.25))
@@ -35,3 +39,12 @@ def test_a_node_whose_chip_detects_no_motion_does_not_sleep(chip):
         sensors=SensorBoard(chip),
     )
     assert "light_sleeps" not in stats["counts"] and sent
+
+
+@pytest.mark.parametrize(("model", "pin"), first_and_more(("esp32_c3", 0), ("esp32", 5)))
+def test_an_esp32_without_a_pin_that_wakes_it_reads_the_detector(model, pin, monkeypatch):
+    """A C3 has no such pin at all, an ESP32 only those of its RTC."""
+    monkeypatch.setitem(WAKE_PINS, model, pin)
+    result = park(1, model=model)
+    assert result.falls_asleep >= 1 and result.lost == 0
+    assert result.light_sleeps > 25

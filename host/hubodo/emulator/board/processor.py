@@ -90,6 +90,7 @@ class Processor:
             "t_boot_ns": self._boot_ns,
             "ticks_start_us": clock_settings.ticks_start_us,
             "clock_ppm": clock_settings.ppm,
+            "sleep_ppm": clock_settings.sleep_ppm,
             "call_cost_ns": clock_settings.call_cost_us * 1000,
             "tick_cost_ns": clock_settings.tick_cost_us * 1000,
             "refresh_ns": STEPPED_REFRESH_NS if clock.stepped and not settings.is_emulated else USB_FRAME_NS,

@@ -77,6 +77,7 @@ class Clock:
         `VirtualNode.run_until`.
     run_for : s of true time after which the board is switched off, or None.
     ppm : 1e-6, frequency error of the device clock.
+    sleep_ppm : 1e-6, on top of `ppm`, error of the oscillator that keeps time in `machine.lightsleep`.
     ticks_start_us : time.ticks_us() at power-on; ticks wrap at 2**30.
     pace : with a paced clock, seconds of wall time per second of the board.
     power_on_ns : time.monotonic_ns() at power-on, so that several boards share one zero of time; None for
@@ -89,6 +90,7 @@ class Clock:
     kind: Literal["real", "paced", "stepped", "lockstep"] = "real"
     run_for: float | None = None
     ppm: float = 0.0
+    sleep_ppm: float = 0.0
     ticks_start_us: int = 0
     pace: float = 1.0
     power_on_ns: int | None = None

@@ -13,6 +13,7 @@ from hubodo.ingest.node.clock import ClockSync
 from hubodo.ingest.node.clock_exchanges import ClockExchanges
 from hubodo.ingest.node.decoder import DecoderOutput
 from hubodo.ingest.node.gaps import GapGroup, LinkCounts
+from hubodo.ingest.node.health import is_asleep
 from hubodo.ingest.node.identity import hello_metadata
 from hubodo.ingest.node.imu_noise import sample_noise
 from hubodo.ingest.node.life_events import final_clock_event, final_health_event
@@ -48,6 +49,7 @@ from hubodo.recording import Event
 from hubodo.units import NS_PER_S
 from hubowire import FINGERPRINT, Frame, Message, node_name
 from hubowire.messages import (
+    Board,
     GetHello,
     Health,
     Signal,
@@ -58,6 +60,8 @@ from hubowire.messages import (
 
 _HELLO_INTERVAL_NS = NS_PER_S // 2
 _START_DELAY_NS = 2 * NS_PER_S
+_CLOCK_CHANGES_ASLEEP = (Board.ESP32, Board.ESP32_S3, Board.ESP32_C3)
+"""Boards whose time is that of an RC oscillator during a sleep; samples wait for the clock after it."""
 
 
 class NodeSession:
@@ -101,6 +105,7 @@ class NodeSession:
         self._next_hello_ns = 0
         self._start_request_ns: int | None = None
         self._is_muted = False
+        self._clock_changes_asleep = False
 
     def handle_frame(self, frame: Frame, t_ns: int, link_counts: LinkCounts) -> Iterator[NodeSamples]:
         """Handle a valid frame of this node and yield the samples it completes."""
@@ -205,6 +210,7 @@ class NodeSession:
                         self._exchanges.clear()
                     self._exchanges.start_burst()
                     self._start_request_ns = output.received_ns + _START_DELAY_NS
+                    self._clock_changes_asleep = output.hello.board in _CLOCK_CHANGES_ASLEEP
                     self._sink.write_record(Metadata(f"node.{self.name}", hello_metadata(output.hello)))
                     self._sink.write_record(ImuNoise(self.name, *sample_noise(output.hello)))
                 case ImuBlock():
@@ -223,6 +229,10 @@ class NodeSession:
                     yield from self._handle_time_reply(output)
                 case HealthReceived():
                     self.health = output.health
+                    if self._clock_changes_asleep and is_asleep(output.health):
+                        yield from self.samples.restart()
+                        self.clock.reset()
+                        self._exchanges.clear()
                     if output.health.battery_mv:
                         yield from self.samples.add(output)
                 case AnswerReceived():

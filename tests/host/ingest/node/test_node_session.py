@@ -1,12 +1,15 @@
 """A node that sends reports but no samples of its IMU and no clock replies."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from faults.line import T0, Line, Node
-from hubodo.log.records import Battery, BiasFilterRow, HighGSamples
+from faults.line import BATCH, PERIOD_NS, T0, Line, Node
+from hubodo.log.records import Battery, BiasFilterRow, HighGSamples, ImuBlock
 from hubodo.units import NS_PER_S
-from hubowire.messages import Filter, Health, HighG
+from hubowire import FrameDecoder, decode
+from hubowire.messages import Board, Fault, Filter, Health, HighG, TimeReply, TimeRequest
 
 PERIOD = 1 << 30
 
@@ -75,3 +78,74 @@ def test_samples_that_were_read_seconds_late_are_reported_once_and_a_constant_la
     assert event.data["lag"] == pytest.approx(2.5, abs=0.1)
     assert event.data["duration_s"] == pytest.approx(2500.0, rel=0.03)
     assert "2.5 s late" in event.text and "for 42 min" in event.text
+
+
+class SleepingNode:
+    """A node that answers clock requests while it is awake; its clock is `ahead` of the line's time."""
+
+    DELAY_S = 0.002
+
+    def __init__(self, board):
+        self.line, self.node = Line(), Node()
+        self.node.hello = replace(self.node.hello, board=int(board))
+        self.ahead_s, self.is_awake, self.blocks = 0.0, True, []
+        self.line.recorder._send = self.answer
+        store = self.line.sink.write_record
+        self.line.sink.write_record = lambda record: (
+            self.blocks.append(record) if isinstance(record, ImuBlock) else store(record)
+        )
+        self.replies = []
+
+    def clock_us(self, before_s=0.0):
+        return round((self.line.now - T0) / 1000 + (self.ahead_s - before_s) * 1e6)
+
+    def answer(self, label, data, to=None):
+        for frame in FrameDecoder().feed(data):
+            message = decode(frame.type_id, frame.payload)
+            if isinstance(message, TimeRequest) and self.is_awake:
+                at_us = self.clock_us(-self.DELAY_S)
+                self.replies.append(TimeReply(message.token, at_us % PERIOD, (at_us + 100) % PERIOD))
+        return True
+
+    def receive(self, message):
+        self.line.receive(self.node.frame(message), seconds=0.0)
+
+    def measure(self, count, late_s=0.0):
+        """Send batches that were measured `late_s` ago, and the replies that are due."""
+        for _ in range(count):
+            seconds = BATCH * PERIOD_NS / NS_PER_S
+            self.node.clock_us = self.clock_us(late_s + seconds) - self.node.index * PERIOD_NS // 1000
+            self.line.receive(self.node.batch(), seconds=2 * self.DELAY_S)
+            for reply in self.replies:
+                self.receive(reply)
+            self.replies = []
+            self.line.receive(b"", seconds=seconds - 2 * self.DELAY_S)
+
+
+@pytest.mark.parametrize(
+    ("board", "rate_error"), [(Board.ESP32_S3, -0.01), (Board.ESP32_S3, 0.01), (Board.PICO, 0.0)]
+)
+def test_samples_after_a_sleep_by_an_rc_oscillator_have_their_true_times(board, rate_error):
+    """A Pico sleeps by its crystal; an ESP32 is wrong by 1 %, which is 4 s after seven minutes."""
+    node = SleepingNode(board)
+    node.line.receive(node.node.hello_frame())
+    node.measure(100)
+    node.is_awake = False
+    for _ in range(100):
+        node.receive(replace(health(node.clock_us() % PERIOD), faults=int(Fault.ASLEEP)))
+        node.line.wait(4.0)
+        node.ahead_s += 4.0 * rate_error
+    node.is_awake = True
+    woken_ns = node.line.now
+    node.measure(1, late_s=3.0)  # the FIFO holds samples from before the end of the sleep
+    node.line.receive(node.node.hello_frame(), seconds=0.001)
+    node.receive(health(node.clock_us() % PERIOD))
+    node.measure(200)
+    node.line.close()
+    assert "fault" not in node.line.sink.kinds()
+    after = [block for block in node.blocks if block.received_ns >= woken_ns]
+    assert len(after) == 201
+    last_ns = np.array([block.t_ns[-1] for block in after])
+    due_ns = np.array([block.received_ns for block in after]) - PERIOD_NS
+    due_ns[0] -= 3 * NS_PER_S
+    assert np.abs(last_ns - due_ns).max() < 5e6

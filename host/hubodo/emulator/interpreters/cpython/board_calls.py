@@ -30,6 +30,7 @@ class BoardCalls:
         self.booting, self.interrupted = True, False
         self.contact, self.quiet = -1e18, 0.0
         self.rate = 1 + CONFIG["clock_ppm"] * 1e-6
+        self.ticks_start = CONFIG["ticks_start_us"]
         self.t0 = int(CONFIG["t0_ns"])
         self.status = 0
         self.transfer_target = (0, 0, 0, 1)
@@ -107,7 +108,7 @@ class BoardCalls:
 
     def device_us(self):
         """Return the time of the device clock, µs, without wrap-around."""
-        return CONFIG["ticks_start_us"] + (self.now() - CONFIG["t_boot_ns"]) * self.rate / 1000
+        return self.ticks_start + (self.now() - CONFIG["t_boot_ns"]) * self.rate / 1000
 
     def ticks_us(self):
         self.spend(CONFIG["tick_cost_ns"])
@@ -155,7 +156,10 @@ class BoardCalls:
         return self.ask("PIN_GET", pin)[0]
 
     def light_sleep(self, pin, ms):
-        return self.ask("LIGHT_SLEEP", pin, struct.pack("<I", ms))[0]
+        began = self.now()
+        woken = self.ask("LIGHT_SLEEP", pin, struct.pack("<I", ms))[0]
+        self.ticks_start += (self.now() - began) * CONFIG["sleep_ppm"] * 1e-9
+        return woken
 
     def adc(self, channel):
         return struct.unpack("<H", self.ask("ADC_READ", channel)[1])[0]

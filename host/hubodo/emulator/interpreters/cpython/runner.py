@@ -83,7 +83,7 @@ def _install():
         "/dev/espnow": lambda: ExchangeDevice("ESPNOW"),
         "/dev/ble": lambda: ExchangeDevice("BLE"),
     }
-    port_modules = ("espnow",) if CONFIG["platform"] == "esp32" else ()
+    port_modules = ("espnow", "esp32") if CONFIG["platform"] == "esp32" else ()
     if CONFIG["radio"] or CONFIG["platform"] == "esp32":
         port_modules += ("bluetooth",)
     for name in ("time", "machine", "network", "socket", *port_modules):

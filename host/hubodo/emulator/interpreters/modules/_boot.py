@@ -10,7 +10,7 @@ import _board
 
 def start():
     """Install the modules of the board and mount its flash."""
-    port_modules = ("espnow",) if _board.platform() == "esp32" else ()
+    port_modules = ("espnow", "esp32") if _board.platform() == "esp32" else ()
     if _board.radio() or _board.platform() == "esp32":
         port_modules += ("bluetooth",)
     for name in ("time", "machine", "network", "socket", "select", "gc") + port_modules:

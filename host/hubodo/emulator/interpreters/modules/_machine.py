@@ -77,10 +77,17 @@ def idle():
 
 
 def lightsleep(ms=None):
-    """Sleep for `ms`, or until an edge of a pin with a handler; without `ms` nothing ends it."""
+    """Sleep for `ms`, or until a pin ends it; without `ms` nothing else does.
+
+    rp2: the edge of a pin with a handler. esp32: the high level of the pin of `esp32.wake_on_ext0`.
+    """
+    is_esp32 = _board.platform() == "esp32"
+    pin = Pin._wake if is_esp32 else Pin._edges
+    if is_esp32 and pin and _pin_get(pin - 1):
+        return
     while ms is None or ms > 0:
-        left = _board.light_sleep(Pin._edges, 60000 if ms is None else min(ms, 60000))
-        if Pin._edges and left:
+        left = _board.light_sleep(pin, 60000 if ms is None else min(ms, 60000))
+        if pin and left:
             return
         if ms is not None:
             ms -= 60000
@@ -106,6 +113,8 @@ class Pin:
     IRQ_FALLING = 4
     _edges = 0
     """Number of the pin with a handler, plus one; only one has a handler here."""
+    _wake = 0
+    """Number of the pin that ends a sleep of an ESP32, plus one."""
 
     def __init__(self, id, mode=-1, pull=-1, value=None):
         self._id = id._id if isinstance(id, Pin) else _pin_number(id)

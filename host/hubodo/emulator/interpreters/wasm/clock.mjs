@@ -48,6 +48,11 @@ export class Clock {
     }
   }
 
+  /** Sets the device clock ahead by `us`. */
+  shift(us) {
+    this._ticksStart += us;
+  }
+
   /** Time of the device clock, µs. */
   deviceUs() {
     return this._ticksStart + ((this.now() - this._booted) * this.rate) / 1000;

@@ -43,7 +43,9 @@ function machine(board, clock, config) {
     pin_get: (pin) => board.ask(op.PIN_GET, pin),
     light_sleep(pin, ms) {
       view.setUint32(HEADER, ms, true);
-      return board.ask(op.LIGHT_SLEEP, pin, 4);
+      const began = clock.now(), woken = board.ask(op.LIGHT_SLEEP, pin, 4);
+      clock.shift((clock.now() - began) * config.sleep_ppm * 1e-9);
+      return woken;
     },
     adc(channel) {
       board.ask(op.ADC_READ, channel);
