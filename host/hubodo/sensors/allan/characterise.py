@@ -16,6 +16,7 @@ from hubodo.sensors.allan.deviation import AllanPoints, allan_deviation, averagi
 from hubodo.sensors.allan.fit import NoiseFit, NoiseTerm, fit_noise
 from hubodo.sensors.allan.ieee952 import is_gyro
 from hubodo.sensors.allan.result import AllanResult
+from hubodo.sensors.allan.sinusoids import Sinusoid, remove_sinusoids
 from hubodo.sensors.bias_step import find_bias_step
 from hubodo.sensors.even_grid import EvenGrid, Spans, grid_all_samples, place_on_grid
 from hubodo.sensors.imu.quantisation import rounding_sigma
@@ -82,6 +83,9 @@ def characterise_noise(
         )
     # Steps that hide the noise are refused before the fit, whose deviations may be zero.
     coarse = _describe_coarse_steps(values, channel)
+    sinusoids: tuple[Sinusoid, ...] = ()
+    if not keep_all_samples:
+        record, sinusoids = remove_sinusoids(record)
     present = None if record.missing == 0 else record.present
     factors = averaging_factors(count, per_octave)
     points = allan_deviation(record.values, record.dt, factors, present)
@@ -101,12 +105,29 @@ def characterise_noise(
     low = points.adev * np.sqrt(edf / chdtri(edf, 0.025))
     high = points.adev * np.sqrt(edf / chdtri(edf, 0.975))
     best_tau, best_deviation = _find_minimum(points, fit, edf)
-    notes = _write_notes(channel, record, points, fit, cause, coarse, still_falling=best_tau is None)
+    notes = (
+        *_describe_sinusoids(sinusoids, channel),
+        *_write_notes(channel, record, points, fit, cause, coarse, still_falling=best_tau is None),
+    )
     stop = None if cause else _optimal_maytag_stop(fit, turn, points)
     sigma = points.adev / np.sqrt(2.0 * edf)
     return AllanResult(
-        channel, points, edf, sigma, low, high, fit, best_tau, best_deviation, stop, turn, record, notes, node
+        channel, points, edf, sigma, low, high, fit, best_tau, best_deviation, stop, turn, record, notes,
+        node, sinusoids=sinusoids,
+    )  # fmt: skip
+
+
+def _describe_sinusoids(sinusoids: Sequence[Sinusoid], channel: str) -> list[str]:
+    """Return a remark on the lines that were removed."""
+    if not sinusoids:
+        return []
+    lines = ", ".join(
+        f"{it.frequency:.5g} Hz with {_in_common_unit(it.amplitude, channel)}" for it in sinusoids
     )
+    return [
+        f"sinusoids removed: {lines} (amplitude), as of vibration or mains; the noise terms are those beside "
+        "them, and --as-is keeps them"
+    ]
 
 
 def _write_notes(
@@ -141,6 +162,11 @@ def _write_notes(
         notes.append(
             f"an angle random walk of {math.degrees(random_walk) * 60.0:.3g} deg/√h is far beyond MEMS gyros "
             "(0.1 to 5): data in deg/s that are read as rad/s are 57 times too large; check --unit"
+        )
+    if fit.markov is not None:
+        notes.append(
+            f"noise of {_in_common_unit(fit.markov.sigma, channel)} (1σ) is correlated over "
+            f"{fit.markov.time:.3g} s, a first-order Gauss-Markov process beside the terms"
         )
     if fit.factors[0] > 1:
         notes.append(

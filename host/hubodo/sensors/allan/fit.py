@@ -12,7 +12,7 @@ from scipy.special import chdtrc
 from hubodo.arrays import Array
 from hubodo.sensors.allan.covariance import TERMS, design_matrix
 from hubodo.sensors.allan.deviation import AllanPoints
-from hubodo.sensors.allan.interval import profile_interval, upper_limit
+from hubodo.sensors.allan.interval import CHI2_95_ONE_DOF, profile_interval, upper_limit
 from hubodo.sensors.allan.likelihood import (
     BAND,
     B,
@@ -25,6 +25,7 @@ from hubodo.sensors.allan.likelihood import (
     R,
     slope_sigma,
 )
+from hubodo.sensors.allan.markov import MarkovNoise, fit_markov
 from hubodo.sensors.allan.record_length import required_record_length
 
 # A term is significant if -2 ln likelihood increases by this much without it: 3.3 sigma, one false term in
@@ -99,6 +100,7 @@ class NoiseFit:
         factors: (P,) averaging factors used in the fit.
         chi2, dof: chi-square of the fit and its degrees of freedom.
         misfit: most likely relative model error, usually 0; all sigmas include it.
+        markov: correlated noise beside the terms, if the points demand it.
         dt: sample interval, s.
     """
 
@@ -110,6 +112,7 @@ class NoiseFit:
     dof: int
     misfit: float
     dt: float
+    markov: MarkovNoise | None = None
 
     def variance(self, tau: Array) -> Array:
         """Return the (P,) fitted Allan variance at tau (s).
@@ -119,7 +122,7 @@ class NoiseFit:
         first = float(self.factors[0]) * self.dt
         white = self.theta[N] / tau * self.band * np.minimum(first / tau, 1.0)
         variance: Array = design_matrix(tau) @ self.theta + white
-        return variance
+        return variance if self.markov is None else variance + self.markov.variance(tau)
 
 
 def fit_noise(points: AllanPoints, slope: float, detrended_points: Callable[[], AllanPoints]) -> NoiseFit:
@@ -135,14 +138,21 @@ def fit_noise(points: AllanPoints, slope: float, detrended_points: Callable[[], 
     # Only octaves are fitted: denser points add no information and make the covariance singular.
     octave = points.factors & (points.factors - 1) == 0
     used = octave & (points.factors <= max(points.samples // _MIN_RECORD_PER_TAU, 1))
-    likelihood, maximum, chi2 = _select_first_octave(Likelihood.from_points(points, used, slope))
+    full = Likelihood.from_points(points, used, slope)
+    likelihood, maximum, chi2 = _select_first_octave(full)
+    markov = fit_markov(full) if likelihood.misfit > 0.0 or likelihood.factors[0] > 1 else None
+    if markov is not None:
+        likelihood, maximum = markov.likelihood, markov.maximum
+        chi2 = likelihood.chi2(maximum.x)
+        if chdtrc(max(1, len(likelihood.tau) - len(maximum.active) - 2), chi2) < _MIN_P_VALUE:
+            likelihood, maximum = _refit_with_misfit(likelihood, maximum)
     if abs(slope) > _RAMP_SEARCH_SIGMA * slope_sigma(
         NoiseParameters.from_vector(maximum.x).theta, likelihood.duration
     ):
         detrended = Likelihood.from_points(detrended_points(), used, slope, detrended=True).from_octave(
             len(likelihood.tau) * -1
         )
-        detrended.misfit = likelihood.misfit
+        detrended.misfit, detrended.correlated = likelihood.misfit, likelihood.correlated
         with_ramp = detrended.maximise((*maximum.active, R), maximum.x)
         if _cost_without(detrended, with_ramp, R) > _CLAIM_COST:
             likelihood, maximum, chi2 = detrended, with_ramp, detrended.chi2(with_ramp.x)
@@ -162,8 +172,12 @@ def fit_noise(points: AllanPoints, slope: float, detrended_points: Callable[[], 
             start_sigma = (
                 0.5 * (value - float(np.sqrt(later.theta[term]))) if later.theta[term] > 0.0 else 0.0
             )
-            sigma = float(np.linalg.norm([bounds.sigma, misfit_sigma, start_sigma]))
+            markov_sigma = markov.spread if markov is not None and term == N else 0.0
+            sigma = float(np.linalg.norm([bounds.sigma, misfit_sigma, start_sigma, markov_sigma]))
             terms[name] = NoiseTerm(value, sigma, low=low, high=high)
+            if sigma > value:
+                limit = value + CHI2_95_ONE_DOF**0.5 * sigma
+                terms[name] = NoiseTerm(None, None, _NOT_SHOWN_REASONS[term], limit)
         else:
             terms[name] = _hidden_term(term, likelihood, maximum, points)
     return NoiseFit(
@@ -175,6 +189,7 @@ def fit_noise(points: AllanPoints, slope: float, detrended_points: Callable[[], 
         dof,
         likelihood.misfit,
         points.dt,
+        None if markov is None else markov.noise,
     )
 
 

@@ -76,6 +76,7 @@ class Likelihood:
         misfit: relative error of the model, independent from point to point.
         detrended: the points are those of the record minus its slope, so that only the slope informs the
             ramp.
+        correlated: (P,) Allan variances of correlated noise beside the terms, see `markov`; None for none.
     """
 
     factors: NDArray[np.int64]
@@ -86,6 +87,7 @@ class Likelihood:
     duration: float
     misfit: float = 0.0
     detrended: bool = False
+    correlated: Array | None = None
     _flat_tensor: Array = field(init=False, repr=False)
     _design: Array = field(init=False, repr=False)
 
@@ -134,6 +136,7 @@ class Likelihood:
             self.slope,
             self.duration,
             detrended=self.detrended,
+            correlated=None if self.correlated is None else self.correlated[part],
         )
 
     def residuals(self, terms: NoiseParameters) -> tuple[Array, Array]:
@@ -146,7 +149,7 @@ class Likelihood:
         count, points = len(theta), len(self.tau)
         plain = theta @ self._design.T
         band = (terms.band * theta[:, N])[:, None] * (self.tau[0] / self.tau**2)
-        mean = plain + band
+        mean = plain + band + (0.0 if self.correlated is None else self.correlated)
         products = (theta[:, :, None] * theta[:, None, :]).reshape(count, 25)
         covariance = (products @ self._flat_tensor).reshape(count, points, points)
         variance = covariance.diagonal(axis1=1, axis2=2)

@@ -19,6 +19,7 @@ from hubodo.sensors.allan.figure import allan_figure
 from hubodo.sensors.allan.fit import NoiseFit, NoiseTerm
 from hubodo.sensors.allan.ieee952 import rate_unit, term_units
 from hubodo.sensors.allan.page import all_term_rows, hidden_terms_table, summarise_allan, terms_table
+from hubodo.sensors.allan.sinusoids import Sinusoid
 from hubodo.sensors.even_grid import EvenGrid
 
 if TYPE_CHECKING:
@@ -59,6 +60,8 @@ class AllanResult:
         Name of the node.
     log : str or None
         Path of the log in the result of the verb.
+    sinusoids : tuple of Sinusoid
+        Lines that were removed: `frequency`, Hz, `amplitude` and `sigma`, rad/s or m/s².
     """
 
     channel: str
@@ -76,6 +79,7 @@ class AllanResult:
     notes: tuple[str, ...] = ()
     node: str = ""
     log: str | None = None
+    sinusoids: tuple[Sinusoid, ...] = ()
 
     @property
     def tau(self) -> Array:
@@ -162,6 +166,8 @@ class AllanResult:
                 "outliers": self.record.outliers.tolist(),
                 "jitter_intervals": None if np.isnan(self.record.jitter) else self.record.jitter,
             },
+            "markov": None if self.fit.markov is None else self.fit.markov.as_json(),
+            "sinusoids": [it.as_json() for it in self.sinusoids],
             "excluded": [{"start": start, "end": end} for start, end in self.record.excluded],
             "notes": list(self.notes),
         }
