@@ -10,6 +10,7 @@ from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.process_noise.tracking import estimate_weights, track_wheel_phase
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
+from shared_run import compute_once
 
 SEED = 3
 
@@ -17,18 +18,24 @@ SEED = 3
 @pytest.fixture(scope="session")
 def camber_case(tmp_path_factory):
     """Return the folder of a case and its hidden effect: a few millirad of camber of the right wheel."""
-    folder = tmp_path_factory.mktemp("camber_case")
-    (hidden,) = write_case(
-        folder, SEED, ["wheel_camber"], "strong", scope="right", duration=60.0, rate_hz=50.0
-    )
-    return folder, hidden
+
+    def write(folder):
+        case = ["wheel_camber"], "strong"
+        (hidden,) = write_case(folder, SEED, *case, scope="right", duration=60.0, rate_hz=50.0)
+        return folder, hidden
+
+    return compute_once(tmp_path_factory, "camber-case", write)
 
 
 @pytest.fixture(scope="session")
 def camber_run(camber_case, tmp_path_factory):
     """Return the run of `hubodo gap` on the case with camber."""
     folder, _ = camber_case
-    return run_gap(tmp_path_factory.mktemp("camber_run") / "out", folder / "model.toml", folder)
+    return compute_once(
+        tmp_path_factory,
+        "camber-run",
+        lambda out: run_gap(out / "gap", folder / "model.toml", folder, page=True),
+    )
 
 
 @pytest.fixture(scope="session")

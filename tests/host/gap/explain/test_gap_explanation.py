@@ -38,7 +38,7 @@ def test_camber_is_found_and_the_written_model_leaves_no_gap(camber_case, camber
 
 
 def test_no_effect_is_found_in_a_clean_log(clean_log, tmp_path):
-    run = run_gap(tmp_path, clean_log / "model.toml", clean_log, "--json")
+    run = run_gap(tmp_path, clean_log / "model.toml", clean_log, "--json", page=True)
     assert (run.code, run.result["verdict"], run.result["found"]) == (0, "no_gap", [])
     assert json.loads(run.out) == run.result
     assert (tmp_path / "report.html").stat().st_size < 6e6
@@ -47,7 +47,7 @@ def test_no_effect_is_found_in_a_clean_log(clean_log, tmp_path):
 def test_a_rejected_effect_is_not_found_and_its_rejection_is_explained(tmp_path):
     write_case(tmp_path / "log", SEED, ["tyre_growth"], "strong", scope="right", duration=40.0, rate_hz=30.0)
     options = ("--reject", "tyre_growth", "--explain", "tyre_growth", "--explain", "gyro_lag", "--json")
-    run = run_gap(tmp_path / "out", tmp_path / "log" / "model.toml", tmp_path / "log", *options)
+    run = run_gap(tmp_path / "out", tmp_path / "log" / "model.toml", tmp_path / "log", *options, page=True)
     assert run.code == 0, run.err
     assert "tyre_growth" not in [name for name, _ in run.names]
     assert run.names or run.result["verdict"] == "unexplained"

@@ -86,7 +86,7 @@ def interrupt_run(case, tmp_path_factory):
             with pytest.MonkeyPatch.context() as patch:
                 patch.setattr(journal, "judge_round", recorder)
                 output = tmp_path_factory.mktemp("interrupted") / "out"
-                runs[stop_at] = run_gap(output, case / "model.toml", case, *OPTIONS)
+                runs[stop_at] = run_gap(output, case / "model.toml", case, *OPTIONS, page=True)
         if runs[stop_at].folder.exists():
             shutil.copytree(runs[stop_at].folder, folder)
         return replace(runs[stop_at], folder=folder)

@@ -42,7 +42,7 @@ def test_decimation_takes_every_fourth_sample_and_all_inputs(tmp_path):
 
 def test_an_effect_on_the_mean_and_one_on_single_samples_are_both_found(tmp_path):
     case = write_sampled_case(tmp_path / "case", 104.0)
-    run = run_gap(tmp_path / "out", case / "model.toml", case)
+    run = run_gap(tmp_path / "out", case / "model.toml", case, page=True)
     assert sorted(run.names) == [("lever_arm", "left"), ("sample_repeat", "left")]
     repeated = next(finding for finding in run.result["found"] if finding["effect"] == "sample_repeat")
     value = repeated["parameters"]["probability"]

@@ -36,7 +36,7 @@ from hubodo.web.log_observer import LogObserver
 from hubowire import decode
 from in_process import hubodo
 
-SECONDS, ORIGIN = 3.0, (47.0, 8.0)
+SECONDS, ORIGIN = 2.0, (47.0, 8.0)
 
 
 class Injected(Exception):
@@ -209,7 +209,7 @@ HANGING = (
     ("bytes of a link", sleeps),
     ("odometry", spins),
     ("the page", sleeps),
-    ("what the page follows", spins),
+    ("what the page follows", sleeps),
     ("metrics", sleeps),
     ("the status", sleeps),
     ("a table or lines", sleeps),
