@@ -31,6 +31,11 @@ def setup():
     return cases.draw_setup(SEED, duration=60.0)
 
 
+@pytest.fixture(scope="module")
+def records_without_effect(setup):
+    return {node: cases.simulate_node_record(setup, node, []) for node in SIDES}
+
+
 @pytest.mark.parametrize(("facing", "sign"), [(1.0, 1.0), (-1.0, -1.0)])
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_rolling_forwards_reads_positive_gz_on_a_node_facing_left(side, facing, sign):
@@ -231,15 +236,12 @@ def test_a_record_is_quantized_and_has_the_declared_noise(setup):
 
 
 @pytest.mark.parametrize("name", effects.KINDS)
-def test_an_effect_changes_the_records_of_its_nodes_only(setup, name):
+def test_an_effect_changes_the_records_of_its_nodes_only(setup, records_without_effect, name):
     effect = cases.draw_hidden_effect(setup, name, None if name in effects.VEHICLE_EFFECTS else "left")
     if name.endswith("saturation"):
         effect = effects.scale_effect(effect, 2.0)
     for node in SIDES:
-        before, after = (
-            cases.simulate_node_record(setup, node, []),
-            cases.simulate_node_record(setup, node, [effect]),
-        )
+        before, after = records_without_effect[node], cases.simulate_node_record(setup, node, [effect])
         changed = not (np.array_equal(before.values, after.values) and np.array_equal(before.t, after.t))
         assert changed == effect.applies_to(node)
 

@@ -26,7 +26,7 @@ def test_thresholds_of_rare_false_alarms_are_accurate_with_few_draws():
 
 def test_a_detection_curve_is_estimated_without_bias_by_adaptive_trials():
     rng, normalised_errors = np.random.default_rng(2), []
-    for _ in range(40):
+    for _ in range(25):
         x: list[float] = []
         is_detected: list[bool] = []
         for _ in range(3):
@@ -36,7 +36,7 @@ def test_a_detection_curve_is_estimated_without_bias_by_adaptive_trials():
         result = curve.fit_curve(x, is_detected)
         normalised_errors.append((result.middle - 0.6) / result.ln_size_sigma(0.5))
     print(
-        f"seed 2, 40 curves: error over its sigma {np.mean(normalised_errors):.2f} "
+        f"seed 2, 25 curves: error over its sigma {np.mean(normalised_errors):.2f} "
         f"± {np.std(normalised_errors):.2f}"
     )
     assert abs(np.mean(normalised_errors)) < 0.5

@@ -98,7 +98,8 @@ RUNS: tuple[Run, ...] = (
         2,
         "no steady turn",
     ),
-    *_logs("sheet --still", "-o out-{n}"),
+    _logs("sheet --still", "-o out-{n}")[0],
+    _logs("sheet --warmup", "-o out-{n}", 2, "too short for a warm-up")[1],
     Run(
         "sheet --poses poses.mcap --warmup rest.mcap --age 1 --node left --gravity 9.81 --latitude-deg 48 "
         "--force -o out-{n} --units si",

@@ -3,6 +3,7 @@
 import argparse
 import threading
 from contextlib import ExitStack, contextmanager, suppress
+from functools import cache
 
 import pytest
 from option_runs import RUNS, create_files
@@ -53,6 +54,7 @@ def commands(parser, words):
             yield from commands(child, (*words, name))
 
 
+@cache
 def parser_of_verb(verb):
     """Return the parser of one verb."""
     return next(action for action in build_parser([verb])._actions if action.dest == "verb").choices[verb]

@@ -216,12 +216,12 @@ def test_a_plan_says_which_stops_reach_a_sigma_and_they_do(tmp_path, capsys):
     for name in ("gx", "gy", "gz"):
         columns[name] = sensor.error(count, DT, rng)
     columns |= {"ax": rng.normal(0, 0.01, count), "ay": rng.normal(0, 0.01, count)}
-    rest = tmp_path / "rest.mcap"
-    write_recording(Recording({"imu": Table({**columns, "az": 9.81 + rng.normal(0, 0.01, count)})}), rest)
-    status, plan = north(capsys, rest, "--plan", "--sigma-deg", "2")
+    log = tmp_path / "log.mcap"
+    write_recording(Recording({"imu": Table({**columns, "az": 9.81 + rng.normal(0, 0.01, count)})}), log)
+    status, plan = north(capsys, log, "--plan", "--sigma-deg", "2")
     assert status == 0, plan
     assert plan["drift"]["N"] == pytest.approx(np.radians(sensor.n) / 60, rel=0.03)
-    assert main(["allan", str(rest), "--channel", "gx", "--json"]) == 0
+    assert main(["allan", str(log), "--channel", "gx", "--json"]) == 0
     (tmp_path / "gx.json").write_text(capsys.readouterr().out)
     words = ["north", "--plan", "--allan", str(tmp_path / "gx.json"), "--latitude-deg", str(LATITUDE_DEG)]
     assert main([*words, "--sigma-deg", "2", "--json"]) == 0

@@ -12,6 +12,7 @@ from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.virtual_computer import VirtualComputer
 from hubodo.log.recording_reader import read_recording
 from hubodo.units import NS_PER_S
+from repetitions import each_value_first
 
 RATE_HZ = 208.0
 
@@ -86,20 +87,17 @@ def test_intervals_stay_those_of_the_node_to_100_ppm(tmp_path, stretches):
     assert np.abs(t - true).max() < 1e-3
 
 
-@pytest.mark.parametrize("answers", [True, False])
-@pytest.mark.parametrize(
-    ("delays", "max_error", "max_stretch"),
-    [
-        ([(3, 0), (7, 3.5), (14, 3.5), (17, 0)], 0.006, 1e-4),
-        ([(2, 0), (2.5, 0.4), (9, 0.4), (9.3, 0)], 0.006, 1e-4),
-        # A delay that is there from the start shows once the node answers, or the delay shrinks.
-        ([(0, 4), (4, 4), (8, 0)], 4.006, 1.01e-3),
-    ],
-    ids=["for ten seconds", "by 0.4 s", "from the start"],
-)
-def test_data_read_seconds_late_leaves_the_rate_of_the_samples_as_it_was(
-    tmp_path, answers, delays, max_error, max_stretch
-):
+DELAYS = {
+    "for ten seconds": ([(3, 0), (7, 3.5), (14, 3.5), (17, 0)], 0.006, 1e-4),
+    # A delay that is there from the start shows once the node answers, or the delay shrinks.
+    "from the start": ([(0, 4), (4, 4), (8, 0)], 4.006, 1.01e-3),
+    "by 0.4 s": ([(2, 0), (2.5, 0.4), (9, 0.4), (9.3, 0)], 0.006, 1e-4),
+}
+
+
+@pytest.mark.parametrize(("delay", "answers"), each_value_first(tuple(DELAYS), (True, False)))
+def test_data_read_seconds_late_leaves_the_rate_of_the_samples_as_it_was(tmp_path, delay, answers):
+    delays, max_error, max_stretch = DELAYS[delay]
     out, computer = tmp_path / "ride.mcap", LaggingComputer(delays)
     start = computer.now_ns()
     with FakeNode(computer=computer, answers=answers) as node:

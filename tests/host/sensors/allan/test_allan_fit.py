@@ -109,14 +109,14 @@ def test_known_terms_come_back_within_their_sigmas_and_the_stated_percent(seed):
 def test_the_fit_has_a_degree_of_freedom_for_each_point_that_no_term_takes():
     """Sixteen octaves of white noise leave twelve degrees of freedom beside N, B, K and the band."""
     samples, chi2 = 1 << 18, []
-    for seed in range(8):
+    for seed in range(5):
         fit = characterise_noise(
             np.arange(samples) * DT, gyro_noise(samples, DT, np.random.default_rng(seed), n=1e-3), "gz"
         ).fit
         assert fit.dof == len(fit.factors) - 4 - (fit.terms["R"].value is not None), seed
         chi2.append(fit.chi2 / fit.dof)
-    print("chi-square over its degrees, seeds 0..7:", np.round(chi2, 2))
-    # Eight times twelve degrees of freedom: the mean is 1 ± 14 %, slightly less as a bad start is left out.
+    print("chi-square over its degrees, seeds 0..4:", np.round(chi2, 2))
+    # Five times twelve degrees of freedom: the mean is 1 ± 18 %, slightly less as a bad start is left out.
     one_sigma = np.sqrt(2.0 / (12 * len(chi2)))
     assert 1.0 - 3.0 * one_sigma < np.mean(chi2) < 1.0 + 3.0 * one_sigma
 
@@ -266,7 +266,7 @@ def test_white_noise_alone_gives_no_other_term_in_most_records():
 
 
 def test_intervals_of_95_percent_cover_the_truth_95_times_in_a_hundred():
-    inside, total, records = 0, 0, 24
+    inside, total, records = 0, 0, 16
     for seed in range(records):
         noise = gyro_noise(4096, DT, np.random.default_rng(seed), n=1e-3)
         report = characterise_noise(np.arange(4096) * DT, noise, "gz")
