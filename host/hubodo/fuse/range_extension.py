@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
+from hubodo.fuse.ranges import HIGH_G_NOISE_DENSITY
 from hubodo.fuse.wheel.samples import BEYOND_RANGE
 from hubodo.recording import Table
 
@@ -40,8 +41,8 @@ _CELL_S = 1.0
 _MEMORY_CELLS = 600.0
 """Cells of memory: a rim that warms by 20 K in 10 minutes moves the offset by 0.2 g (data sheet, 10 mg/K)."""
 
-_NOISE = 5e-3 * STANDARD_GRAVITY * np.sqrt(200.0)
-"""m/s², 1 sigma of a sample: 5 mg/√Hz at 200 Hz of bandwidth (data sheet)."""
+_NOISE = HIGH_G_NOISE_DENSITY * np.sqrt(200.0)
+"""m/s², 1 sigma of a sample at 200 Hz of bandwidth (data sheet)."""
 
 _PRIOR_SIGMAS = np.array([0.05, 0.05, 0.05, STANDARD_GRAVITY])
 """1 sigma of an element of D (data sheet: a scale of 44.1 to 53.9 mg per step; a tilt of 3 degrees), and of

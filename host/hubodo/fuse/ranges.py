@@ -18,6 +18,10 @@ from hubodo.vehicle import NodeMount
 DEFAULT_RANGES = {"gyro": math.radians(2000.0), "accel": 16.0 * STANDARD_GRAVITY}
 """rad/s and m/s²; the ranges set by the firmware, used where no other source gives them."""
 
+HIGH_G_NOISE_DENSITY, HIGH_G_CALIBRATION_SIGMA = 5e-3 * STANDARD_GRAVITY, 0.3
+"""m/s²/√Hz and m/s², 1 sigma: white noise of an ADXL375 (data sheet), error of its calibration by the IMU,
+see `range_extension.py`."""
+
 _MIN_RANGES = {"gyro": math.radians(120.0), "accel": 1.9 * STANDARD_GRAVITY}
 """rad/s and m/s²; smaller ranges are not considered: inertial sensors have at least 125 deg/s and 2 g."""
 

@@ -323,7 +323,7 @@ def test_free_motion_equals_the_closed_form_of_ornstein_uhlenbeck_processes(seco
 
 @pytest.mark.parametrize(
     ("max_speed", "speed", "yaw_rate"),
-    [(0.0, 2.0, 0.35), (1.3, 2.0, 0.35), (1.4, 2.1, 0.35), (10.0, 15.0, 2.0 / 15.0)],
+    [(0.0, 2.0, 0.35), (1.3, 2.0, 0.35), (1.4, 2.1, 0.35), (10.0, 15.0, 3.0 / 15.0)],
 )
 def test_motion_sigmas_follow_the_largest_speed_but_is_at_least_that_of_walking(max_speed, speed, yaw_rate):
     assert vehicle_motion_sigmas(max_speed) == pytest.approx((speed, yaw_rate))

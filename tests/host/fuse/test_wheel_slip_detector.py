@@ -115,19 +115,19 @@ def test_a_residual_agrees_within_three_sigma_and_the_drift():
 
 @pytest.mark.parametrize(
     ("residual", "gain", "windows"),
-    [(0.0, 0.02, 10), (0.01, 0.021, 5), (-0.01, 0.03, 14), (0.01, -0.02, 100), (0.0, 0.3, 5)],
+    [(0.0, 0.02, 6), (0.01, 0.021, 5), (-0.01, 0.03, 7), (0.01, -0.02, 100), (0.0, 0.3, 5)],
 )
-def test_a_wheel_that_follows_the_changes_of_speed_is_trusted_at_a_log_ratio_of_twenty(
+def test_a_wheel_that_follows_the_changes_of_speed_is_trusted_at_the_significance_of_a_slip(
     residual, gain, windows
 ):
-    """Log likelihood ratio of residual + gain: free spinning (mean 0) against following (mean: the gain).
+    """Twice the log likelihood ratio of residual + gain: spinning freely (mean 0) or following (mean: gain).
 
-    Noise of 0.01 m/s. The sum never falls below zero, and one window contributes at most a fifth of 20.
+    Noise of 0.01 m/s. The sum never falls below zero, and one window contributes at most a fifth of 4.5².
     """
     following = AGREEING._replace(residual=residual, speed_gain=gain)
-    ratio_per_window = min(0.5 * ((residual + gain) ** 2 - residual**2) / 0.01**2, 20.0 / 5)
+    ratio_per_window = min(((residual + gain) ** 2 - residual**2) / 0.01**2, 4.5**2 / 5)
     if ratio_per_window > 0.0:
-        assert windows == math.ceil(20.0 / ratio_per_window - 1e-9)
+        assert windows == math.ceil(4.5**2 / ratio_per_window - 1e-9)
     assert detect_slip_end((150, following, 1.0, 0.1), inertial_speed=1.0) == (1 + windows, windows)
     contradicting = AGREEING._replace(residual=0.01, speed_gain=-0.015)
     assert detect_slip_end((20, contradicting, 1.0, 0.1), (150, following, 1.0, 0.1), inertial_speed=1.0) == (

@@ -67,8 +67,6 @@ class WheelNoise:
     ----------
     gyro : rad/s/√Hz, white noise of the gyros.
     accel : m/s²/√Hz, white noise of the accelerometers.
-    beyond_range, beyond_range_bias : m/s²/√Hz and m/s², white noise of an ADXL375 (data sheet: 5 mg/√Hz) and
-        error of its calibration by the IMU, see `range_extension.py`.
     roll_rate : rad/s, roll rate of the vehicle about its forward axis.
     axle_flex : (rad/s)/(m/s²), rate across the axle per unit of axial vibration.
     forward_force : m/s², forward specific force that the wheel's own acceleration does not explain.
@@ -81,8 +79,6 @@ class WheelNoise:
 
     gyro: float = 1.3e-4
     accel: float = 2e-3
-    beyond_range: float = 0.05
-    beyond_range_bias: float = 0.3
     roll_rate: float = 0.02
     axle_flex: float = 0.003
     forward_force: float = 0.15

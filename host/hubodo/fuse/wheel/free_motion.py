@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.fuse.wheel.thresholds import MANOEUVRE_S
+from hubodo.fuse.wheel.thresholds import HARD_ACCELERATION, MANOEUVRE_S
 from hubodo.fuse.wheel.window import WINDOW_S
 
 _SPEED_SIGMA, _SPEED_SIGMA_FACTOR, _SPEED_TIME_S = 2.0, 1.5, 16.0
@@ -27,9 +27,9 @@ _SPEED_SIGMA, _SPEED_SIGMA_FACTOR, _SPEED_TIME_S = 2.0, 1.5, 16.0
 A walking vehicle is so expected to change its speed by 0.7 m/s within the first second. Estimated.
 """
 
-_YAW_RATE_SIGMA, _LATERAL_ACCELERATION = 0.35, 2.0
-"""Stationary sigma R of the yaw rate: 0.35 rad/s, a walker's bend, or 2 m/s² of lateral acceleration at V.
-T_r: `MANOEUVRE_S`. Estimated.
+_YAW_RATE_SIGMA = 0.35
+"""Stationary sigma R of the yaw rate: 0.35 rad/s, a walker's bend, or `HARD_ACCELERATION` across the path at
+V. T_r: `MANOEUVRE_S`. Estimated.
 """
 
 _TRANSIENT_S = 60.0
@@ -52,7 +52,7 @@ class MotionSigmas(NamedTuple):
 def vehicle_motion_sigmas(max_speed: float) -> MotionSigmas:
     """Return the motion sigmas of a vehicle that has reached `max_speed`, m/s."""
     speed = max(_SPEED_SIGMA, _SPEED_SIGMA_FACTOR * max_speed)
-    return MotionSigmas(speed, min(_YAW_RATE_SIGMA, _LATERAL_ACCELERATION / speed))
+    return MotionSigmas(speed, min(_YAW_RATE_SIGMA, HARD_ACCELERATION / speed))
 
 
 def free_motion_variances(motion_sigmas: MotionSigmas) -> tuple[float, float]:

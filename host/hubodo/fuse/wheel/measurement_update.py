@@ -45,9 +45,6 @@ from hubodo.fuse.wheel.window import WINDOW_S
 _GAP_VARIANCE_FACTOR = 1e4
 """Variance factor of a window that is all gap, beyond any information of a row. Estimated."""
 
-_MIN_ROLLING_SNR = 5.0**2
-"""Squared ratio of wheel rate to gyro noise above which scale-like errors are observable. Estimated."""
-
 
 _RATE_ERROR_ENTRIES = (GYRO_BIAS_X, GYRO_BIAS_Y, MISALIGNMENT_Y, MISALIGNMENT_X)
 """Errors of the gyros across the axle that are rotated by the wheel angle."""
@@ -216,7 +213,7 @@ class MeasurementUpdate:
         """
         is_stationary = motion_state is not MotionState.MOVING
         for index, (wheel, _) in enumerate(windows):
-            if is_stationary or rolling_rates[index] ** 2 < _MIN_ROLLING_SNR * wheel.standstill.noise:
+            if is_stationary or rolling_rates[index] ** 2 < GATE_SIGMA**2 * wheel.standstill.noise:
                 h[self._rolling_block[index]] = 0.0
             if is_stationary:
                 h[self._turning_block[index]] = 0.0

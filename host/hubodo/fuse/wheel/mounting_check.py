@@ -21,9 +21,6 @@ _MIN_CHECK_SPEED = 0.1
 _MAX_CHECK_WINDOWS = 3000
 """Windows after which the mounting counts as confirmed, 5 min. Estimated."""
 
-_MAX_YAW_RMS = 0.2
-"""rad/s, rms yaw-rate residual up to which a mounting explains the gyros. Estimated."""
-
 _AXLE_YAW_RMS, _GYRO_YAW_SHARE, _SPEED_YAW_SHARE = 0.03, 0.1, 0.2
 """Yaw-rate difference on one axle: rms in rad/s, and as a share of the yaw rate, of two gyros and of the
 wheels' speeds against the gyros.
@@ -254,12 +251,8 @@ class MountingCheck:
     def _check_mounting(self) -> float | None:
         """Return the side to distrust if an undeclared mounting explains the yaw rate much better."""
         best_mounting = self.yaw_residual_squares.index(min(self.yaw_residual_squares))
-        is_explained = self.yaw_residual_squares[best_mounting] < _MAX_YAW_RMS**2 * self.count
-        if (
-            best_mounting == 0
-            or not is_explained
-            or self.yaw_residual_squares[0]
-            < GATE_SIGMA**2 * (self.yaw_residual_squares[best_mounting] + _AXLE_YAW_RMS**2 * self.count)
+        if best_mounting == 0 or self.yaw_residual_squares[0] < GATE_SIGMA**2 * (
+            self.yaw_residual_squares[best_mounting] + _AXLE_YAW_RMS**2 * self.count
         ):
             return None
         if best_mounting == 3:

@@ -22,14 +22,9 @@ from hubodo.fuse.wheel.entries import (
 )
 from hubodo.fuse.wheel.measurements.steady import GRAVITY_SPEED_SIGMA, ONE_AXIS_SPEED_SIGMA
 from hubodo.fuse.wheel.spin_search import MAX_RATE_BEYOND, rederotate_window
-from hubodo.fuse.wheel.thresholds import BUMP_WINDOWS, HARD_ACCELERATION, SETTLING_WINDOWS
+from hubodo.fuse.wheel.thresholds import BUMP_WINDOWS, HARD_ACCELERATION, MIN_ARM_LENGTH, SETTLING_WINDOWS
 from hubodo.fuse.wheel.wheel import MAX_ANGLE_ERROR, Wheel, reset_state
 from hubodo.fuse.wheel.window import WINDOW_S, Window
-
-_MIN_ARM_SIGMA = 0.004
-"""m, 1 sigma below which the lever arm is not learnt while gravity is searched: the arm that was assumed is
-removed from the force before the search, so a wrong arm passes for a wrong spin. From 24 wheels whose drives
-start clipped: errors of 1 to 6 mm, where the covariance claims 0.6."""
 
 _MAX_BLIND_VARIANCE = MAX_RATE_BEYOND**2 / 12.0
 """(rad/s)², of a uniform distribution over the rates that are searched."""
@@ -115,11 +110,11 @@ def _track_unclipped(wheel: Wheel, window: Window) -> None:
 
 
 def _restore_arm_variance(p: Array, wheel: Wheel) -> None:
-    """Restore, in place, the lever arm's variance from before the search, if not above `_MIN_ARM_SIGMA`²."""
+    """Restore, in place, the lever arm's variance from before the search, if not above `MIN_ARM_LENGTH`²."""
     if wheel.arm_variances is not None:
         for entry, variance in zip((LEVER_ARM_X, LEVER_ARM_Y), wheel.arm_variances, strict=True):
             column = wheel.columns[entry]
-            p[column, column] = max(p.item(column, column), min(variance, _MIN_ARM_SIGMA**2))
+            p[column, column] = max(p.item(column, column), min(variance, MIN_ARM_LENGTH**2))
         wheel.arm_variances = None
 
 

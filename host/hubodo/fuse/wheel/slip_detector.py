@@ -17,6 +17,7 @@ from hubodo.fuse.wheel.thresholds import (
     GATE_SIGMA,
     MANOEUVRE_S,
     MANOEUVRE_WINDOWS,
+    MAX_UNCONFIRMED_WINDOWS,
     MIN_ROLLING_RATE,
     SETTLING_WINDOWS,
 )
@@ -34,22 +35,15 @@ _MIN_SLIP_SPEED = 0.2
 _RESIDUAL_DRIFT = 0.05
 """m/s², 1 sigma of a constant residual during a sum, beside the uncertainty of the states. Estimated."""
 
-_AXLE_LEAN = 0.1
-"""m/s² per rad/s of yaw rate, 1 sigma: 0.01 rad of unmodelled axle lean rotates the wheel angle with the yaw
-for a second. Estimated."""
-
 _ACCEL_RIPPLE = 0.15
 """m/s², 1 sigma of the ripple of an accelerometer across the axle, twice a turn by unequal scales (1 % of
 gravity) and once by a bias. The slope state follows it on a wheel that hardly turns in `MANOEUVRE_S`: it then
-looks like a slope that ends. Estimated."""
+looks like a slope that ends. Per rad/s of yaw rate, also of 0.015 rad of axle lean, not modelled, which
+rotates the wheel angle with the yaw for a second. Estimated."""
 
 _AGREEMENT_WINDOWS = MANOEUVRE_WINDOWS
 """Consecutive windows, of a wheel faster than `MIN_ROLLING_RATE`, in which the accelerometer must agree with
 the wheel before it may contradict it."""
-
-_STANDSTILL_LIMIT_WINDOWS = 300
-"""Windows of standstill (30 s), in which learnt parameters of a noisy node drift, after which the
-accelerometer must agree again. Estimated."""
 
 _NEAR_WINDOWS = SETTLING_WINDOWS
 """Windows near the vehicle speed after which a slip ends that lost speed in a jump: longer than a wheel that
@@ -62,14 +56,9 @@ _SLIP_SHARE = 0.5
 """Share of the largest slip: a wheel that rolls again is nearer to the vehicle speed, as an inertial speed is
 hardly wrong by more; one that touched the road lost more at once. Estimated."""
 
-_FOLLOWING_LOG_RATIO = 20.0
-"""Log likelihood ratio "follows the vehicle's changes of speed" against "spins freely" above which a wheel is
-trusted against an inertial speed. Estimated."""
-
-_MAX_CONSISTENT_WINDOWS, MAX_SLIP_WINDOWS = 100, 200
+_MAX_CONSISTENT_WINDOWS = 100
 """Windows of agreement with the accelerometer after which a slip ends against an inertial speed (10 s: no
-wheel in the air spins so steadily); windows after which any slip ends (20 s: nothing is left of an inertial
-speed). Estimated."""
+wheel in the air spins so steadily). Estimated."""
 
 _MAX_SPEED_FACTOR = 2.0
 """Factor on the maximum speed so far, beyond which an inertial speed is discarded. Estimated."""
@@ -154,7 +143,7 @@ class SlipDetector:
     _agreeing_windows: int = 0
     _standstill_windows: int = 0
     _near_windows: int = 0
-    _log_ratio: float = 0.0
+    _following_ratio: float = 0.0
     _lost_speed: float = 0.0
 
     @property
@@ -166,7 +155,8 @@ class SlipDetector:
         """Process a window at standstill, in which vibration and gyro noise do not count as slip."""
         self.clear_sums()
         self._standstill_windows += 1
-        if self._standstill_windows >= _STANDSTILL_LIMIT_WINDOWS:
+        # Learnt parameters of a noisy node drift meanwhile.
+        if self._standstill_windows >= MAX_UNCONFIRMED_WINDOWS:
             self._agreeing_windows = 0
 
     def detect_onset(self, number: int, forward: ForwardResidual | None, rate: float) -> int | None:
@@ -190,7 +180,7 @@ class SlipDetector:
         residual += forward.residual + forward.slope * WINDOW_S
         variance += forward.variance
         common_sigma += math.sqrt(max(forward.common_variance, 0.0))
-        common_sigma += _AXLE_LEAN * abs(forward.yaw_rate) * WINDOW_S
+        common_sigma += _ACCEL_RIPPLE * abs(forward.yaw_rate) * WINDOW_S
         self._totals = residual, variance, common_sigma
         onset, largest, sums = None, _SLIP_SIGMA**2, self._sums
         for length in SUM_LENGTHS_WINDOWS:
@@ -217,7 +207,7 @@ class SlipDetector:
         self.slips.append(Slip(number))
         self.clear_sums()
         self._near_windows, self.consistent_windows = 0, 0
-        self._log_ratio, self._lost_speed, self.ended_by_jump = 0.0, 0.0, True
+        self._following_ratio, self._lost_speed, self.ended_by_jump = 0.0, 0.0, True
 
     def detect_end(
         self,
@@ -235,7 +225,7 @@ class SlipDetector:
         m/s reached before.
         """
         current = self.slips[-1]
-        if number - current.first >= MAX_SLIP_WINDOWS or (
+        if number - current.first >= MAX_UNCONFIRMED_WINDOWS or (
             inertial_speed is not None and _is_implausible(inertial_speed, slip, variance, max_speed)
         ):
             current.last = number - 1
@@ -248,7 +238,7 @@ class SlipDetector:
             forward is None
             or forward.residual**2 > GATE_SIGMA**2 * forward.variance + (_RESIDUAL_DRIFT * WINDOW_S) ** 2
         ):
-            self.consistent_windows, self._log_ratio = 0, 0.0
+            self.consistent_windows, self._following_ratio = 0, 0.0
             # A wheel whose speed agrees with that of another wheel need not agree with its accelerometer.
             self._near_windows = self._near_windows + 1 if is_near and inertial_speed is None else 0
             if forward is not None:
@@ -259,12 +249,16 @@ class SlipDetector:
         self.consistent_windows += 1
         self._near_windows = self._near_windows + 1 if is_near else 0
         measured_gain = forward.residual + forward.speed_gain
-        log_ratio = 0.5 * (measured_gain**2 - forward.residual**2) / forward.variance
+        # Twice the log likelihood ratio of "follows the vehicle" and "spins freely": a wheel is trusted
+        # against an inertial speed if it is as significant as a slip.
+        following = (measured_gain**2 - forward.residual**2) / forward.variance
         # One window alone never decides: both changes may coincide by chance.
-        self._log_ratio = max(0.0, self._log_ratio + min(log_ratio, _FOLLOWING_LOG_RATIO / _NEAR_WINDOWS))
+        self._following_ratio = max(
+            0.0, self._following_ratio + min(following, _SLIP_SIGMA**2 / _NEAR_WINDOWS)
+        )
         # If another wheel measures the speed, agreement with the accelerometer alone does not end a slip.
         is_consistent = inertial_speed is not None and (
-            self._log_ratio >= _FOLLOWING_LOG_RATIO or self.consistent_windows >= _MAX_CONSISTENT_WINDOWS
+            self._following_ratio >= _SLIP_SIGMA**2 or self.consistent_windows >= _MAX_CONSISTENT_WINDOWS
         )
         return self._end_slip(current, number, is_consistent)
 

@@ -11,13 +11,13 @@ from hubodo.fuse.wheel.entries import HEADING, SPEED, X, Y
 from hubodo.fuse.wheel.measurement_update import UpdateResult
 from hubodo.fuse.wheel.measurements import rolling
 from hubodo.fuse.wheel.motion_state import MotionState
-from hubodo.fuse.wheel.slip_detector import MAX_SLIP_WINDOWS, SUM_LENGTHS_WINDOWS, ForwardResidual
-from hubodo.fuse.wheel.thresholds import GATE_SIGMA
+from hubodo.fuse.wheel.slip_detector import SUM_LENGTHS_WINDOWS, ForwardResidual
+from hubodo.fuse.wheel.thresholds import GATE_SIGMA, MAX_UNCONFIRMED_WINDOWS
 from hubodo.fuse.wheel.wheel import Wheel
 from hubodo.fuse.wheel.window import WINDOW_S, Window
 from hubodo.fuse.wheel.window_processor import WindowProcessor
 
-HISTORY_WINDOWS = MAX_SLIP_WINDOWS + SUM_LENGTHS_WINDOWS[-1]
+HISTORY_WINDOWS = MAX_UNCONFIRMED_WINDOWS + SUM_LENGTHS_WINDOWS[-1]
 """Windows to keep: the longest slip, and the longest time before its detection."""
 
 

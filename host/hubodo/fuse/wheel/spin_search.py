@@ -37,7 +37,7 @@ searched spin is known better than these windows tell and waits for `_TRACKED_WI
 
 _SEARCH_GRID = np.linspace(-1.0, 1.0, 9)
 
-_TRACKING_RANGE = 8.0
+_TRACKING_RANGE = math.pi / (_TRACKED_WINDOWS * WINDOW_S)
 """rad/s around the predicted rate that is searched: half of the resolution of `_TRACKED_WINDOWS`."""
 
 

@@ -24,12 +24,21 @@ MANOEUVRE_WINDOWS = round(MANOEUVRE_S / WINDOW_S)
 DETECTION_WINDOWS = MANOEUVRE_WINDOWS + WINDOWS_PER_SECOND
 """Windows within which a standstill is detected, or gravity shows a wheel angle, after a manoeuvre."""
 
+MAX_UNCONFIRMED_WINDOWS = 200
+"""Windows (20 s) after which an inertial speed, parameters learnt before a standstill or a doubtful wheel
+orientation no longer count unless they were confirmed. Estimated."""
+
 HARD_ACCELERATION = 3.0
-"""m/s² of hard driving, for seconds on end. Estimated."""
+"""m/s² of hard braking and cornering, for seconds on end. Estimated."""
 
 MIN_ROLLING_RATE = 1.0
 """rad/s; gravity rotates once in six seconds at it; a slower wheel is not compared with its accelerometers.
 Estimated."""
+
+MIN_ARM_LENGTH = 0.004
+"""m, 1 sigma of a lever arm while gravity is searched: the arm that was assumed is removed from the force
+before the search, so a wrong arm passes for a wrong spin. A shorter arm has no known direction. From 24
+wheels whose drives start clipped: errors of 1 to 6 mm, where the covariance claims 0.6."""
 
 MAX_MISSING_SHARE = 0.5
 """Share of missing samples from which on a window is not used; of clipped ones, an accelerometer axis.

@@ -31,6 +31,7 @@ from hubodo.fuse.wheel.thresholds import (
     BUMP_WINDOWS,
     GATE_SIGMA,
     MAX_MISSING_SHARE,
+    MAX_UNCONFIRMED_WINDOWS,
     MIN_ROLLING_RATE,
     SETTLING_WINDOWS,
 )
@@ -44,16 +45,8 @@ MAX_ANGLE_ERROR = GATE_SIGMA * WHEEL_ANGLE.prior
 """rad; a wheel angle is unknown beyond it, as change of the direction of gravity or as sigma: the prior is
 the tilt by hard braking."""
 
-_GRAVITY_UPDATE = 1.0 / SETTLING_WINDOWS
-"""Weight of a window in the exponential smoothing of the direction of gravity before a gap: half a second of
-memory, shorter than a manoeuvre and longer than a bump. Estimated."""
 
-_UPRIGHT_WINDOWS = 300
-"""Windows (30 s) of a wheel faster than `MIN_ROLLING_RATE` in which gravity must rotate with it. Estimated.
-"""
-
-
-MAX_WHEEL_SKEW_WINDOWS = 3
+MAX_WHEEL_SKEW_WINDOWS = SETTLING_WINDOWS
 """Windows by which an outage of both wheels may begin earlier, or end later, for one of them, as cables and
 radios do not fail at once. Estimated."""
 
@@ -174,7 +167,7 @@ class Wheel:
         self.clipped_windows += window.spin_clipped > 0.0
         self.blind_windows += window.blind_windows > 0
         if (
-            self.upright_count < _UPRIGHT_WINDOWS
+            self.upright_count < MAX_UNCONFIRMED_WINDOWS
             and abs(rate) > MIN_ROLLING_RATE
             and self.angle_initialised
             and window.force_clipped == 0.0
@@ -233,8 +226,10 @@ class Wheel:
         gravity = window.force * cmath.exp(1j * window.clock_angle)
         if self._n_after_gap is None or self._gravity_before_gap == 0j:
             self._n_after_gap = None
-            memory = (1.0 - _GRAVITY_UPDATE) * self._gravity_before_gap
-            self._gravity_before_gap = memory + _GRAVITY_UPDATE * gravity
+            # Exponential smoothing.
+            weight = 1.0 / SETTLING_WINDOWS
+            memory = (1.0 - weight) * self._gravity_before_gap
+            self._gravity_before_gap = memory + weight * gravity
             return
         self._gravity_after_gap, self._n_after_gap = self._gravity_after_gap + gravity, self._n_after_gap + 1
         if self._n_after_gap < BUMP_WINDOWS:

@@ -24,6 +24,7 @@ from hubodo.fuse.wheel.entries import (
     YAW_RATE,
 )
 from hubodo.fuse.wheel.measurements.shared import LinearisedWindow, Row
+from hubodo.fuse.wheel.thresholds import MIN_ARM_LENGTH
 from hubodo.fuse.wheel.window import WINDOW_S
 
 STATES = (WHEEL_ANGLE, RATE_BEYOND_RANGE, LEVER_ARM_X, LEVER_ARM_Y, ACCEL_BIAS_X, ACCEL_BIAS_Y)
@@ -34,9 +35,6 @@ UNCORRECTED_STATES = (GYRO_SCALE_Z, GYRO_BIAS_Z, CAMBER, YAW_RATE)
 Beside RATE_BEYOND_RANGE, which is free while the gyro is clipped, it holds no information about them.
 """
 
-_MIN_ARM_LENGTH = 2e-3
-"""m; on a shorter arm 30 rad/s cause less than 2 m/s², the size of bias and vibration."""
-
 
 def measure(w: LinearisedWindow, noise: WheelNoise) -> Row | None:
     """Return residual (m/s), variance and derivatives; None if the arm is too short.
@@ -46,7 +44,7 @@ def measure(w: LinearisedWindow, noise: WheelNoise) -> Row | None:
     x, columns = w.x, w.columns
     arm = complex(x[columns[LEVER_ARM_X]], x[columns[LEVER_ARM_Y]])
     length = abs(arm)
-    if length < _MIN_ARM_LENGTH:
+    if length < MIN_ARM_LENGTH:
         return None
     unit = arm / length
     along, rate = unit.conjugate(), w.axle_rate

@@ -10,7 +10,6 @@ difference of that between the edges and contains centripetal and tangential ter
 with or without camber.
 """
 
-from hubodo.earth import STANDARD_GRAVITY
 from hubodo.fuse.wheel.entries import (
     ACCEL_BIAS_X,
     ACCEL_BIAS_Y,
@@ -30,6 +29,7 @@ from hubodo.fuse.wheel.measurements.shared import (
     Row,
     WindowNoise,
 )
+from hubodo.fuse.wheel.thresholds import HARD_ACCELERATION
 from hubodo.fuse.wheel.window import WINDOW_S, Window
 
 STATES = (
@@ -37,8 +37,8 @@ STATES = (
     *(LEVER_ARM_X, LEVER_ARM_Y, ACCEL_BIAS_X, ACCEL_BIAS_Y, CAMBER),
 )
 
-_CLIPPED_FORCE_VARIANCE = (2.0 * STANDARD_GRAVITY / 10.0 * WINDOW_S) ** 2
-"""(m/s)²; with a clipped gz the change of the wheel rate is unknown: 2 m/s², hard driving. Estimated."""
+_CLIPPED_FORCE_SIGMA = HARD_ACCELERATION * WINDOW_S
+"""m/s, 1 sigma; with a clipped gz the change of the wheel rate is unknown."""
 
 
 def is_usable(window: Window) -> bool:
@@ -56,7 +56,7 @@ def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
     window = w.window
     variance = noise.accel + STANDSTILL_FORCE_VARIANCE
     if not w.is_stationary:
-        force_variance = noise.forward_force if window.spin_clipped == 0.0 else _CLIPPED_FORCE_VARIANCE
+        force_variance = noise.forward_force if window.spin_clipped == 0.0 else _CLIPPED_FORCE_SIGMA**2
         variance = noise.accel + noise.vibration * window.axial_variance + force_variance
     force, lever, carrier = w.force, w.lever, w.carrier
     # A rate change d of the wheel changes its angle at the middle of the window by d T / 2.

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import cmath
 
+from hubodo.earth import STANDARD_GRAVITY
 from hubodo.fuse.wheel.entries import (
     CAMBER,
     GYRO_BIAS_Z,
@@ -20,6 +21,7 @@ from hubodo.fuse.wheel.entries import (
     YAW_RATE,
 )
 from hubodo.fuse.wheel.measurements.shared import LinearisedWindow, Row
+from hubodo.fuse.wheel.thresholds import HARD_ACCELERATION
 from hubodo.fuse.wheel.window import WINDOW_S
 
 STATES = (WHEEL_ANGLE, RATE_BEYOND_RANGE)
@@ -27,9 +29,9 @@ STATES = (WHEEL_ANGLE, RATE_BEYOND_RANGE)
 UNCORRECTED_STATES = (GYRO_SCALE_Z, GYRO_BIAS_Z, CAMBER, YAW_RATE)
 """Entries that the residual depends on but that it does not correct, beside the free RATE_BEYOND_RANGE."""
 
-_PHASE_SIGMA = 0.3
-"""rad; braking by 2 m/s² that the slope of the spin does not show tilts the force by 0.2 rad, for the four
-windows that share a fit. Estimated."""
+_PHASE_SIGMA = HARD_ACCELERATION / STANDARD_GRAVITY
+"""rad, 1 sigma: braking that the slope of the spin does not show tilts the force by so much, for the four
+windows that share a fit."""
 
 
 def measure(w: LinearisedWindow, gravity_angle: float) -> Row:

@@ -27,11 +27,8 @@ STATES = (
     *(GYRO_SCALE_Z, GYRO_BIAS_Z, RATE_BEYOND_RANGE, CAMBER, WHEEL_RADIUS),
 )
 
-_STANDSTILL_CREEP_VARIANCE = 2e-5**2
-"""m²; a stationary wheel creeps by less than 0.2 mm/s. Estimated."""
-
 _TYRE_VARIANCE = 1e-8
-"""m²; 0.1 mm of tyre deformation in a window even if it hardly rolls. Estimated."""
+"""m²; 0.1 mm of tyre deformation in a window, even at standstill. Estimated."""
 
 
 def is_usable(window: Window) -> bool:
@@ -56,11 +53,8 @@ def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
         (rolling_radius * rate - x[columns[SPEED]] + r * contact) * WINDOW_S
         + x[columns[TIME_OFFSET]] * rate_change,
         rolling_radius * rolling_radius * w.gyro_noise
-        + (
-            _STANDSTILL_CREEP_VARIANCE
-            if w.is_stationary
-            else noise.road_roughness * abs(rate) + _TYRE_VARIANCE
-        ),
+        + _TYRE_VARIANCE
+        + (0.0 if w.is_stationary else noise.road_roughness * abs(rate)),
         {
             SPEED: WINDOW_S,
             YAW_RATE: -(rolling_radius * w.rate_by_yaw_rate + contact) * WINDOW_S,

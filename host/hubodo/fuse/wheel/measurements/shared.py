@@ -22,6 +22,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from operator import itemgetter
 
+from hubodo.fuse.ranges import HIGH_G_CALIBRATION_SIGMA, HIGH_G_NOISE_DENSITY
 from hubodo.fuse.wheel.axle_rate import correct_axle_rate
 from hubodo.fuse.wheel.config import WheelNoise
 from hubodo.fuse.wheel.entries import (
@@ -96,7 +97,7 @@ class WindowNoise:
     def __init__(self, noise: WheelNoise, radius: float) -> None:
         t = WINDOW_S
         self.gyro, self.accel = noise.gyro**2 * t, noise.accel**2 * t
-        self.beyond_range = noise.beyond_range**2 * t + (noise.beyond_range_bias * t) ** 2
+        self.beyond_range = HIGH_G_NOISE_DENSITY**2 * t + (HIGH_G_CALIBRATION_SIGMA * t) ** 2
         self.roll_rate, self.axle_flex = (noise.roll_rate * t) ** 2, (noise.axle_flex * t) ** 2
         self.forward_force, self.lateral_force = (
             (noise.forward_force * t) ** 2,
