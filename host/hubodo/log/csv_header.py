@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import IO
 
 from hubodo.errors import InputError
-from hubodo.log.number_text import is_utf16
+from hubodo.log.text_rows import is_utf16
 
 MAX_LINE_BYTES = 1 << 20
 """Bytes; a longer line is not a row of numbers."""

@@ -16,8 +16,9 @@ from hubodo.errors import InputError
 from hubodo.log.array_process import read_isolated
 from hubodo.log.foreign_formats import CONVERSIONS, SHEET_SUFFIXES
 from hubodo.log.input_limits import open_regular
-from hubodo.log.number_text import read_text_table, unmarked_utf16
+from hubodo.log.number_text import read_text_table
 from hubodo.log.numpy_file import read_numpy
+from hubodo.log.text_rows import unmarked_utf16
 
 FileKind = Literal["mcap", "rosbag", "sqlite", "text", "matlab", "hdf5", "numpy", "unknown"]
 _MAGIC_BYTES: tuple[tuple[bytes, FileKind], ...] = (
