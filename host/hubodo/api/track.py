@@ -9,14 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from hubodo.api.arguments import StrPath, as_calibration, as_vehicle
 from hubodo.errors import InputError
-from hubodo.fuse.fusion import (
-    FusedRecording,
-    check_no_results,
-    fuse_recording,
-    parse_smoothing_lag,
-    track_to_table,
-    write_results,
-)
+from hubodo.fuse.fused_recording import FusedRecording, check_no_results, track_to_table, write_results
+from hubodo.fuse.fusion import fuse_recording, parse_smoothing_lag
 from hubodo.fuse.track import Score, Track
 from hubodo.html_table import html_lines, html_table
 from hubodo.pages.curves import Curve, plot_curves

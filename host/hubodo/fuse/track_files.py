@@ -13,7 +13,7 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.errors import InputError
-from hubodo.fuse.fusion import RESULT_FILES
+from hubodo.fuse.fused_recording import RESULT_FILES
 from hubodo.fuse.projection import make_local_frame
 from hubodo.log.csv_table import read_table
 from hubodo.recording import Recording

@@ -137,7 +137,7 @@ def run(args: argparse.Namespace) -> ExportResult:
 
 def _export_track(args: argparse.Namespace, form: InputFormat) -> ExportResult:
     # Imported here: other exports need no odometry.
-    from hubodo.fuse.fusion import RESULT_FILES
+    from hubodo.fuse.fused_recording import RESULT_FILES
     from hubodo.fuse.track_files import TRACK_WRITERS, is_fused, live_track, read_fused_track
 
     origin = tuple(args.origin) if args.origin else None

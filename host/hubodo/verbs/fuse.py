@@ -4,13 +4,8 @@ import argparse
 from pathlib import Path
 
 from hubodo.calibration.file import hash_source, read_calibration
-from hubodo.fuse.fusion import (
-    FusedRecording,
-    check_no_results,
-    fuse_recording,
-    parse_smoothing_lag,
-    write_results,
-)
+from hubodo.fuse.fused_recording import FusedRecording, check_no_results, write_results
+from hubodo.fuse.fusion import fuse_recording, parse_smoothing_lag
 from hubodo.fuse.wheel_odometry import METHODS
 from hubodo.log.any_log import read_log
 from hubodo.log.roles import NODES_ROLE

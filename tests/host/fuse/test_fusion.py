@@ -9,16 +9,14 @@ import pytest
 from generators import wheel_drives
 from generators.gnss_drives import geodetic
 from hubodo.errors import InputError
-from hubodo.fuse.fusion import (
-    SAMPLES_BY_TABLE,
+from hubodo.fuse.fused_recording import (
     TRACK_COLUMNS,
     FusedRecording,
     check_no_results,
-    fuse_recording,
-    score_against_truth,
     track_to_table,
     write_results,
 )
+from hubodo.fuse.fusion import SAMPLES_BY_TABLE, fuse_recording, score_against_truth
 from hubodo.fuse.track import Track
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import NodeMount, Vehicle

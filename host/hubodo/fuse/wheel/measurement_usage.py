@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from hubodo.fuse.wheel.measurement_rows import MeasurementRows
 from hubodo.fuse.wheel.measurements import BETWEEN_WHEELS, VALID_WHEN_ROLLING, Measurement
-from hubodo.fuse.wheel.wheel import WheelMode
+from hubodo.fuse.wheel.wheel_mode import WheelMode
 from hubodo.fuse.wheel.window import Window
 
 
