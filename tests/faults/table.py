@@ -107,7 +107,7 @@ RECORDING = (
     Fault(
         "disk full at any stage of a verb", "code 1, nothing half, what was there stays", "the file's name",
         (DISK + "test_a_disk_that_fills_at_any_stage_leaves_no_incomplete_file",
-         DISK + "test_a_full_file_system",
+         DISK + "test_a_full_file_system_is_one_line_and_leaves_no_file",
          DISK + "test_a_calibration_that_cannot_be_written_stays_as_it_was"),
     ),
     Fault(
@@ -188,7 +188,7 @@ RECORDING = (
     ),
     Fault(
         "a folder that may only be read", "code 1, nothing left", "the file's name",
-        (DISK + "test_a_read_only_folder",),
+        (DISK + "test_a_read_only_folder_is_named_in_one_line",),
     ),
     Fault(
         "the folder of a result is removed", "code 1 or 2, nothing left", "the file's name",

@@ -16,7 +16,7 @@ def functions(path: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=[fault.what for fault in FAULTS])
-def test_its_tests_are_there(fault):
+def test_the_tests_that_a_fault_names_exist(fault):
     assert fault.tests
     for test in fault.tests:
         file, _, function = test.partition("::")

@@ -124,7 +124,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 
 @pytest.mark.parametrize("verb", ["import", "export", "recover", "report", "simulate", "fuse"])
-def test_a_full_file_system(verb: str, given: Path, small_disk: Path) -> None:
+def test_a_full_file_system_is_one_line_and_leaves_no_file(verb: str, given: Path, small_disk: Path) -> None:
     (small_disk / "other").write_bytes(bytes(60_000))
     done = run(VERBS[verb], given, small_disk)
     assert done.code == 1 and "No space left on device" in done.err and done.err.count("\n") == 1
@@ -132,7 +132,7 @@ def test_a_full_file_system(verb: str, given: Path, small_disk: Path) -> None:
 
 
 @pytest.mark.parametrize("verb", ["import", "export", "report", "fuse", "calibrate wheels"])
-def test_a_read_only_folder(verb: str, given: Path, small_disk: Path) -> None:
+def test_a_read_only_folder_is_named_in_one_line(verb: str, given: Path, small_disk: Path) -> None:
     subprocess.run(["mount", "-o", "remount,ro", small_disk], check=True)
     done = run(VERBS[verb], given, small_disk)
     assert done.code == 1 and "Read-only file system" in done.err and done.err.count("\n") == 1

@@ -29,7 +29,7 @@ def test_a_radius_of_unknown_origin_is_a_nominal_one():
     assert vehicle(f'{SIZES}radius_from = "rolled"\n').radius_from == "rolled"
 
 
-def test_left_is_positive():
+def test_left_is_positive_in_side_and_facing():
     assert side_sign("left") == facing_sign("left") == 1.0
     assert side_sign("right") == facing_sign("right") == -1.0
 

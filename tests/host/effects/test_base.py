@@ -60,7 +60,7 @@ def test_a_node_facing_right_with_flipped_parameters_reads_the_same_with_y_and_z
 
 
 @pytest.mark.parametrize("kind", EFFECTS, ids=lambda kind: kind.name)
-def test_each_sign_is_needed(kind):
+def test_the_opposite_sign_of_a_parameter_changes_the_readings(kind):
     """A parameter with the opposite sign of the declared one changes the readings."""
     plain = facing_right(sized(kind))
     before = np.concatenate(reads([plain], "right"))

@@ -146,7 +146,7 @@ def test_samples_are_the_motion_at_their_own_time_in_whole_lsb() -> None:
     assert np.array_equal(truth.raw, np.rint(want).astype(np.int16))
 
 
-def test_rate_follows_temperature() -> None:
+def test_the_sample_rate_follows_the_temperature() -> None:
     chip = running(StillMotion(degrees=45.0), Specimen(odr_per_degree=-1e-3))
     read(chip, 3.0, 0x1E)
     assert np.diff(chip.truth().t) == pytest.approx(1 / (416 * 0.98), rel=1e-9)

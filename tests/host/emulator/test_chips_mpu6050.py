@@ -40,7 +40,7 @@ def test_it_sleeps_at_reset_and_makes_no_samples() -> None:
 @pytest.mark.parametrize(
     ("chip", "identity"), [(Mpu6050(StillMotion()), 0x68), (Mpu6500(StillMotion()), 0x70)]
 )
-def test_identity(chip: Mpu6050, identity: int) -> None:
+def test_a_chip_reports_its_identity(chip: Mpu6050, identity: int) -> None:
     assert read(chip, 0.0, 0x75)[0] == identity
 
 

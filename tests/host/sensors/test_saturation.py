@@ -38,7 +38,7 @@ def test_no_resolution_is_saturation_by_itself(lsb):
     assert all(saturated_value(np.round(noise(seed) / (lsb * DEG)) * lsb * DEG) is None for seed in range(50))
 
 
-def test_each_command_says_so():
+def test_each_command_reports_a_saturated_gyro():
     recording = recording_of(np.minimum(noise(), 0.3 * DEG))
     with pytest.raises(InputError, match=r"49% of the samples of gz equal 0\.00523599.*larger range"):
         read_standstill_channel(recording, "imu", "gz", log="night")

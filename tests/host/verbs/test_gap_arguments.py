@@ -48,5 +48,5 @@ def test_each_mistake_is_named_in_one_line(paths, message, tmp_path):
         {"model": "missing.toml", "log": "a.mcap"},
     ],
 )
-def test_proper_arguments_pass(paths, tmp_path):
+def test_arguments_in_the_proper_order_are_accepted(paths, tmp_path):
     check_argument_order(arguments(tmp_path, **paths))

@@ -66,7 +66,7 @@ def test_uneven_noise_is_no_doubt_of_the_first_effect(rough_drive, clean_log):
     assert not hypothesis.objection
 
 
-def test_a_large_effect_of_the_model_that_may_be_imprecise_is(rough_drive, clean_log, tmp_path):
+def test_uneven_noise_puts_a_large_effect_of_an_imprecise_model_in_doubt(rough_drive, clean_log, tmp_path):
     path = tmp_path / "model.toml"
     given = f"\n[nodes.left.effects.node_misalignment]\ny = {TURN}\n"
     path.write_text((clean_log / "model.toml").read_text("utf-8") + given, "utf-8")

@@ -44,7 +44,7 @@ def z_scores(triad, sigma, errors):
 
 
 @pytest.mark.parametrize("steps", [1, 2, 7, 200])
-def test_what_a_triad_changes_of_where_gravity_is_carried_is_as_differences_have_it(steps):
+def test_the_derivatives_of_propagated_gravity_by_a_triad_equal_differences(steps):
     rng = np.random.default_rng(steps)
     change = 0.05 * rng.standard_normal((4, steps, 3))
     rate = np.cumsum(change, axis=1)
