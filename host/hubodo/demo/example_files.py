@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 from hubodo.atomic_files import write_atomically
@@ -10,6 +9,7 @@ from hubodo.calibration.file import parse_calibration
 from hubodo.log.recording_writer import write_recording
 from hubodo.model import experiments
 from hubodo.model.model_file import read_model
+from hubodo.progress_callback import Progress
 
 _SEED = 7
 _RATE_HZ = 200.0
@@ -86,7 +86,7 @@ LOGS = {"drive.mcap": ("random", _DRIVE_S), "night.mcap": ("rest", _NIGHT_S)}
 """Simulated logs: the kind of drive and its duration."""
 
 
-def write_example_files(folder: Path, report_progress: Callable[[str, float], None]) -> list[str]:
+def write_example_files(folder: Path, report_progress: Progress) -> list[str]:
     """Write all files into an existing folder, replacing those of the same names; return their names."""
     for name, text in TEXTS.items():
         write_atomically(folder / name, text)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from hubodo.model import experiments
 from hubodo.model.experiments import Experiment
 from hubodo.model.model_file import Model
 from hubodo.model.model_text import model_toml
+from hubodo.progress_callback import Progress
 from hubodo.recording import Recording, Table
 from hubowire.messages import NODE_IDS
 
@@ -30,7 +30,7 @@ def record_virtual_nodes(
     rate_hz: int,
     reference_rate_hz: float,
     pico: PicoSettings,
-    on_progress: Callable[[str, float], None],
+    on_progress: Progress,
 ) -> tuple[Recording, dict[str, Any]]:
     """Record the drive with emulated sensors, firmware, ports and the daemon; add reference and truth.
 

@@ -19,13 +19,13 @@ from hubodo.fleet.result_store import ResultStore
 from hubodo.fleet.storage import open_file_system, report_store_errors, write_atomically
 from hubodo.fleet.table import update_table
 from hubodo.fleet.task import KNOWN, Analysis, examine_log
+from hubodo.progress_callback import Progress
 
 if TYPE_CHECKING:
     from distributed import Client
 
 _FLUSH_PERIOD_S, _MAX_BUFFERED_ROWS = 10.0, 500
 """Maximum age (s) and number of results in memory before they are stored."""
-Progress = Callable[[str, float], None]
 
 
 @dataclass

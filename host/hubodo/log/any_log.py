@@ -12,7 +12,7 @@ from typing import Any
 from hubodo.errors import InputError
 from hubodo.log.bag import METADATA_FILE, open_bag
 from hubodo.log.column_names import is_epoch
-from hubodo.log.csv_folder import Progress, find_files, read_files, read_folder
+from hubodo.log.csv_folder import find_files, read_files, read_folder
 from hubodo.log.csv_header import ForeignHeaderError
 from hubodo.log.input_limits import check_regular
 from hubodo.log.logfile import open_log
@@ -29,6 +29,7 @@ from hubodo.log.recording_reader import build_recording
 from hubodo.log.recording_writer import write_recording
 from hubodo.log.row_checks import drop_implausible_rows
 from hubodo.log.source import MessageSource, is_hubodo_log
+from hubodo.progress_callback import Progress
 from hubodo.recording import NODE_COLUMNS, TABLE_FILE_COLUMNS, Recording, Table, is_node_file, split_high_g
 from hubodo.units import NS_PER_S
 

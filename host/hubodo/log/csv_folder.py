@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -10,6 +10,7 @@ from hubodo.atomic_files import atomic_folder
 from hubodo.errors import InputError
 from hubodo.log import parquet_table
 from hubodo.log.csv_table import ParsedFile, read_table, write_table
+from hubodo.progress_callback import Progress
 from hubodo.recording import (
     NODE_COLUMNS,
     TABLE_FILE_COLUMNS,
@@ -27,8 +28,6 @@ _HINT_DEPTHS = ("*/*.csv", "*/*/*.csv", "*/*/*/*.csv")
 """Where a CSV file is looked up for an error message."""
 _OTHER_TEXT_SUFFIXES = (".txt", ".tsv", ".dat", ".log")
 SUFFIXES = (".csv", ".csv.gz", ".parquet")
-Progress = Callable[[str, float], None]
-"""Called with the current step and the fraction done."""
 
 
 def read_folder(folder: Path, *, repair: bool = False, progress: Progress | None = None) -> Recording:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +22,9 @@ from hubodo.log.joints import JointSpeeds
 from hubodo.log.roles import TopicSelection
 from hubodo.log.source import MessageSource, Stream
 from hubodo.log.timebase import to_seconds
+from hubodo.progress_callback import Progress
 from hubodo.recording import Table
 
-Progress = Callable[[str, float], None]
 EVENT_MEMORY_RATIO = 10
 """Bytes of memory per byte of an event's JSON, which becomes Python objects."""
 

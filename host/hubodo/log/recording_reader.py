@@ -12,13 +12,14 @@ from hubodo.log.decode import (
     ChannelRows,
     normalise_type_name,
 )
-from hubodo.log.decoded_log import DecodedLog, Progress
+from hubodo.log.decoded_log import DecodedLog
 from hubodo.log.imported_tables import imported_tables
 from hubodo.log.logfile import Log, LogMessage, open_log
 from hubodo.log.roles import SELECT_BY_TYPE, RoleAssignment, TopicCandidate, TopicSelection, assign_roles
 from hubodo.log.row_checks import drop_non_finite_rows
 from hubodo.log.source import MessageSource, Stream, is_hubodo_log
 from hubodo.log.timebase import to_seconds
+from hubodo.progress_callback import Progress
 from hubodo.recording import (
     BIAS_FILTER_COLUMNS,
     HIGH_G_COLUMNS,

@@ -27,12 +27,12 @@ from hubodo.log.log_writer import LogWriter
 from hubodo.log.mcap_file import Compression
 from hubodo.log.ros2 import UNKNOWN_VARIANCE
 from hubodo.log.timebase import round_trips_exactly, to_ns
+from hubodo.progress_callback import Progress
 from hubodo.recording import BIAS_FILTER_COLUMNS, HIGH_G_SUFFIX, NODE_COLUMNS, Recording, Table
 from hubodo.safe_text import json_text
 from hubodo.units import NS_PER_S
 from hubodo.vehicle import Vehicle
 
-Progress = Callable[[str, float], None]
 _ROWS_PER_BLOCK = 8192
 
 LOSSLESS_ROS_COLUMNS: Mapping[str, tuple[str, ...]] = {

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
@@ -18,8 +17,8 @@ from hubodo.log.logfile import Log
 from hubodo.log.mcap_file import LIBRARY, PROFILE, Compression, McapFile
 from hubodo.log.message_records import MESSAGE_HEADER
 from hubodo.log.scan import scan_file
+from hubodo.progress_callback import Progress
 
-Progress = Callable[[str, float], None]
 Indexes = dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]]
 
 

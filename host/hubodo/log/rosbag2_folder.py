@@ -6,15 +6,13 @@ import errno
 import shutil
 import sqlite3
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from hubodo.errors import InputError
 from hubodo.log import topics
 from hubodo.log.logfile import Log
-
-Progress = Callable[[str, float], None]
+from hubodo.progress_callback import Progress
 
 
 def write_rosbag2(log: Log, folder: Path, *, progress: Progress | None = None) -> dict[str, int]:

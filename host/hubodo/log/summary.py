@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,9 +23,8 @@ from hubodo.log.logfile import open_log
 from hubodo.log.roles import SELECT_BY_TYPE, TopicCandidate, TopicSelection, assign_roles
 from hubodo.log.source import MessageSource, Stream, is_hubodo_log
 from hubodo.log.stream_summary import SampleGap, StreamSummary, summarise_stream
+from hubodo.progress_callback import Progress
 from hubodo.recording import BIAS_FILTER_COLUMNS, Event
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)

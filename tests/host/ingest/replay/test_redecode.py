@@ -14,7 +14,7 @@ from hubodo.errors import InputError, WireMismatch
 from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.virtual_computer import VirtualComputer
-from hubodo.ingest.replay import redecode as module
+from hubodo.ingest.replay import link_redecoder
 from hubodo.ingest.replay.redecode import redecode_log
 from hubodo.log.log_writer import LogWriter
 from hubodo.log.recording_reader import open_log, read_recording
@@ -94,7 +94,7 @@ def test_portions_of_any_size_give_the_same(tmp_path, monkeypatch):
         record(RecordConfig(ports=(node.path,), duration=2.0), out, computer=computer)
     by_channel = []
     for pieces in (7, 100, 100_000):
-        monkeypatch.setattr(module, "_MAX_PENDING_PIECES", pieces)
+        monkeypatch.setattr(link_redecoder, "_MAX_PENDING_PIECES", pieces)
         redecode_log(out, tmp_path / f"{pieces}.mcap")
         by_channel.append(messages(tmp_path / f"{pieces}.mcap", "/imu", "/temperature", "/bias_filter"))
     assert (
