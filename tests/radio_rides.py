@@ -44,11 +44,13 @@ def ride(
     cut=0,
     interpreter="cpython",
     seed=7,
+    rate_hz=208,
+    over_uart=False,
 ):
-    """Run all boards on one radio medium in virtual time."""
+    """Run all boards on one radio medium in virtual time; over_uart: receiver to host, not by its console."""
     radio_medium = RadioMedium(weather, seed=seed)
 
-    def board(config, motion, *, chip=0.0, **settings):
+    def board(config, motion, *, chip=0.0, uart_link=None, **settings):
         settings = {"host": Host("memory"), **settings}
         return VirtualNode(
             motion,
@@ -57,6 +59,7 @@ def ride(
             board=BoardSettings(
                 interpreter=interpreter,
                 model="esp32" if link == "espnow" else "pico",
+                uart_link=uart_link,
                 unique_id=f"e66141{config['node_id']:02x}000000{config['node_id']:02x}",
             ),
             clock=Clock("stepped", run_for=seconds),
@@ -65,11 +68,14 @@ def ride(
             **settings,
         )
 
-    common = {"link": link, "rate_hz": 208, "radio_tries": tries}
+    common = {"link": link, "rate_hz": rate_hz, "radio_tries": tries}
     nodes = {k: board({"node_id": k, **common}, unique_motion(seconds), chip=0.013 * (k - 1)) for k in ids}
     config = {"node_id": RECEIVER, "receiver": link, "radio_nodes": list(ids), "mag_rate_hz": 0}
+    if over_uart:
+        config["link"] = "uart"
     host = Host("memory", read_pauses=tuple(host_pauses), script=tuple(script))
-    receiver = board(config, StillMotion(), host=host, faults=tuple(faults))
+    uart = {"espnow": 2, "nrf24": 0}[link] if over_uart else None
+    receiver = board(config, StillMotion(), host=host, faults=tuple(faults), uart_link=uart)
     boards = [*nodes.values(), receiver]
     try:
         for one in boards:

@@ -30,8 +30,8 @@ class RadioLink(Link):
         self._radio = radio = open_radio(board)
         tries = settings["radio_tries"]
         self._acknowledged = tries > 0
-        # Different pauses: two nodes whose packets collided must not collide again.
-        pause_us = (1500 if settings["radio_kbps"] == 250 else 500) + 250 * (settings["node_id"] & 3)
+        # Different pauses: nodes whose packets collided must not collide again.
+        pause_us = (1500 if settings["radio_kbps"] == 250 else 500) + 250 * (5 * settings["node_id"] % 11)
         radio.send_to(
             address_of(settings["radio_address"], settings["node_id"]), tries or _MAX_RETRIES, pause_us
         )

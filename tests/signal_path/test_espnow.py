@@ -37,6 +37,11 @@ def test_a_fifth_of_the_packets_lost_and_others_late_lose_no_sample_of_two_nodes
     assert_nothing_lost(rough)
 
 
+def test_five_nodes_at_416_hz_reach_a_host_on_the_uart_of_their_receiver():
+    five = ride(PacketFaults(loss=0.2), link="espnow", ids=(1, 2, 3, 4, 5), rate_hz=416, over_uart=True)
+    assert_nothing_lost(five)
+
+
 @pytest.mark.repeat
 @pytest.mark.parametrize("seed", range(1, 13))
 def test_packets_that_others_overtake_lose_no_sample(seed):

@@ -22,6 +22,12 @@ def test_with_acknowledgements_a_fifth_of_the_packets_lost_loses_no_sample_of_tw
     assert_nothing_lost(rough)
 
 
+@pytest.mark.repeat
+def test_five_nodes_at_104_hz_lose_no_sample_where_a_tenth_of_the_packets_is_lost():
+    five = ride(PacketFaults(loss=0.1), ids=(1, 2, 3, 4, 5), rate_hz=104)
+    assert_nothing_lost(five)
+
+
 def test_repeated_packets_are_counted_and_ignored(rough):
     for k in rough.sent:
         assert rough.signal(k).pieces_twice > 3

@@ -18,6 +18,7 @@ from hubowire import node_name
 from hubowire.messages import NODE_IDS, BiasKind
 
 CONFIG = "config.json"
+_MAX_RADIO_NODES = 5
 
 
 @dataclass(frozen=True)
@@ -100,6 +101,11 @@ def parse_settings(words: Iterable[str]) -> dict[str, object]:
         settings[name] = text if types[name] is str else value
         if type(settings[name]) is not types[name]:
             raise InputError(f"--set {word}: {name} must be {types[name].__name__}, see firmware/README.md")
+        if name == "radio_nodes" and isinstance(value, list) and len(value) > _MAX_RADIO_NODES:
+            raise InputError(
+                f"--set {word}: a receiver forwards {_MAX_RADIO_NODES} nodes at most; use a second receiver "
+                "on another channel for the others"
+            )
     _check_heap(settings)
     return settings
 

@@ -46,6 +46,7 @@ def test_a_password_of_digits_and_equals_signs_stays_text() -> None:
         ("rate_hz=20.5", "rate_hz must be int"),
         ("watchdog=1", "watchdog must be bool"),
         ("pins=[4]", "pins must be dict"),
+        ("radio_nodes=[1,2,3,4,5,6]", "5 nodes at most; use a second receiver on another channel"),
     ],
 )
 def test_a_setting_that_no_node_has_or_of_another_type_is_refused(word: str, message: str) -> None:

@@ -60,6 +60,8 @@ from hubowire.messages import (
 
 _HELLO_INTERVAL_NS = NS_PER_S // 2
 _START_DELAY_NS = 2 * NS_PER_S
+_MIN_DROPPED_BY_RADIO = 3
+"""Frames per report of a node that are no longer a moment's disturbance."""
 _CLOCK_CHANGES_ASLEEP = (Board.ESP32, Board.ESP32_S3, Board.ESP32_C3)
 """Boards whose time is that of an RC oscillator during a sleep; samples wait for the clock after it."""
 
@@ -106,6 +108,7 @@ class NodeSession:
         self._start_request_ns: int | None = None
         self._is_muted = False
         self._clock_changes_asleep = False
+        self._channel_reported = False
 
     def handle_frame(self, frame: Frame, t_ns: int, link_counts: LinkCounts) -> Iterator[NodeSamples]:
         """Handle a valid frame of this node and yield the samples it completes."""
@@ -228,6 +231,7 @@ class NodeSession:
                 case TimeReplyReceived():
                     yield from self._handle_time_reply(output)
                 case HealthReceived():
+                    self._report_full_channel(output)
                     self.health = output.health
                     if self._clock_changes_asleep and is_asleep(output.health):
                         yield from self.samples.restart()
@@ -267,6 +271,22 @@ class NodeSession:
         counters = {item.name: [float(getattr(signal, item.name))] for item in wire_fields(Signal)[2:]}
         self._sink.write_record(Columns(f"radio/{node_name(signal.of_node)}", [t_ns], t_ns, counters))
         self.received_signals.append(signal)
+
+    def _report_full_channel(self, report: HealthReceived) -> None:
+        """Report, once, a node whose frames its radio cannot send in time."""
+        if self.signal is None or self.health is None or self._channel_reported:
+            return
+        dropped = report.health.frames_dropped - self.health.frames_dropped
+        if dropped < _MIN_DROPPED_BY_RADIO:
+            return
+        self._channel_reported = True
+        text = (
+            f"{self.name}: its radio channel is full or disturbed, {dropped} frames were dropped; "
+            "choose another channel, a lower rate_hz, or a second receiver"
+        )
+        event = Event(report.received_ns, "warning", self.name, text, {"node": self.name, "dropped": dropped})
+        self.notices.append(event)
+        self._sink.write_record(EventRecord(event))
 
     def _count_gap(self, event: Event) -> Event:
         """Count a gap and return its event with the measurement time of the last sample before it."""

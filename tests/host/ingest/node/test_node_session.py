@@ -9,7 +9,7 @@ from faults.line import BATCH, PERIOD_NS, T0, Line, Node
 from hubodo.log.records import Battery, BiasFilterRow, HighGSamples, ImuBlock
 from hubodo.units import NS_PER_S
 from hubowire import FrameDecoder, decode
-from hubowire.messages import Board, Fault, Filter, Health, HighG, TimeReply, TimeRequest
+from hubowire.messages import Board, Fault, Filter, Health, HighG, Signal, TimeReply, TimeRequest
 
 PERIOD = 1 << 30
 
@@ -149,3 +149,21 @@ def test_samples_after_a_sleep_by_an_rc_oscillator_have_their_true_times(board, 
     due_ns = np.array([block.received_ns for block in after]) - PERIOD_NS
     due_ns[0] -= 3 * NS_PER_S
     assert np.abs(last_ns - due_ns).max() < 5e6
+
+
+@pytest.mark.parametrize(
+    ("per_report", "behind_receiver", "n_warnings"), [(5, True, 1), (2, True, 0), (5, False, 0)]
+)
+def test_a_node_whose_radio_cannot_send_its_frames_is_reported_once(per_report, behind_receiver, n_warnings):
+    line, node, receiver = Line(), Node(), Node(node_id=200)
+    line.receive(receiver.frame(replace(receiver.hello, boot_id=5, serial=b"receiver")))
+    line.receive(node.hello_frame())
+    for second in range(10):
+        if behind_receiver:
+            line.receive(receiver.frame(Signal(second * 1_000_000, 1, 10, 0, 40, 0, 40, 0, 0)))
+        report = health(second * 1_000_000)
+        line.receive(node.frame(replace(report, frames_dropped=per_report * second)), seconds=1.0)
+    line.close()
+    warnings = [event for event in line.sink.events if event.kind == "warning" and event.source == "left"]
+    assert len(warnings) == n_warnings
+    assert all("choose another channel, a lower rate_hz, or a second receiver" in w.text for w in warnings)
