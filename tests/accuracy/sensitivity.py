@@ -51,7 +51,15 @@ DEFAULTS = (WheelNoise, StandstillLimits)
 """Classes whose default values count as constants too."""
 
 LAYOUT = {
-    *("WINDOW_S", "ALIGNMENT_WINDOWS", "N_ROWS", "MISSING", "HISTORY_WINDOWS", "BOTH_WHEELS"),
+    *(
+        "WINDOW_S",
+        "WINDOWS_PER_SECOND",
+        "ALIGNMENT_WINDOWS",
+        "N_ROWS",
+        "MISSING",
+        "HISTORY_WINDOWS",
+        "BOTH_WHEELS",
+    ),
     *(
         "GYRO_SCALE_COVARIANCE",
         "UNIFORM_ANGLE_SIGMA",

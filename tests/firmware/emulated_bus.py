@@ -29,7 +29,7 @@ class EmulatedBus:
         """Return the time of the chips in s."""
         return (PORT_TICKS.now_us - self.zero_us) * 1e-6
 
-    def spend(self, us):
+    def advance_time(self, us):
         """Advance the time, sometimes by more than requested (a stall)."""
         PORT_TICKS.now_us += us
         if self.stalls is None:
@@ -42,7 +42,7 @@ class EmulatedBus:
 
     def _after(self, status, end):
         PORT_TICKS.now_us = max(PORT_TICKS.now_us, self.zero_us + end * 1e6)
-        self.spend(self.call_us)
+        self.advance_time(self.call_us)
         if status < 0:
             raise OSError(-status)
 
@@ -64,7 +64,7 @@ class EmulatedBus:
     def ticks_us(self):
         """Replace `ticks_us` of a firmware module: reading the clock takes 5 µs and may stall."""
         now = time.ticks_us()
-        self.spend(5)
+        self.advance_time(5)
         return now
 
 

@@ -60,7 +60,7 @@ class SamplerRun:
                 wire = bytes(slot.raw[1 + self.outbox.sent : slot.end])
                 self.sent += [(f, hubowire.decode(f.type_id, f.payload)) for f in decoder.feed(wire)]
                 self.outbox.advance(len(wire))
-            self.bus.spend(self.turn_us)
+            self.bus.advance_time(self.turn_us)
             each_turn(self.bus.t)
             ahead = time.ticks_diff(self.sampler.due_us, self.bus.ticks_us()) - 300
             PORT_TICKS.now_us += min(max(ahead, 0), 1000)
@@ -99,7 +99,7 @@ def test_a_fifo_poll_delayed_by_more_than_half_a_period_is_repeated(monkeypatch)
         nonlocal n_polls
         n_polls += 1
         fifo_level = level()
-        sampler_run.bus.spend(1920 if n_polls > 100 and n_polls % 10 == 0 else 0)
+        sampler_run.bus.advance_time(1920 if n_polls > 100 and n_polls % 10 == 0 else 0)
         return fifo_level
 
     def recording_update(early_us, late_us, samples):

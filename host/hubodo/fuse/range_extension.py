@@ -166,7 +166,7 @@ class RangeExtension:
         is_known &= (np.abs(imu) < self._limit).all(axis=1)
         imu, chip = imu[is_known], chip[is_known]
         regressors = np.column_stack([imu, np.ones(len(imu))])
-        # In a fixed order of summation, unlike products of matrices.
+        # einsum sums in a fixed order, products of matrices do not.
         self._normal = self._normal + np.einsum("ni,nj->ij", regressors, regressors)
         self._right = self._right + np.einsum("ni,nj->ij", regressors, chip - imu)
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import NamedTuple
 
-from hubodo.fuse.wheel.thresholds import GATE_SIGMA, MANOEUVRE_WINDOWS
+from hubodo.fuse.wheel.thresholds import GATE_SIGMA, MANOEUVRE_WINDOWS, STANDSTILL_FORCE_SIGMA
 from hubodo.fuse.wheel.window import WINDOW_S, WINDOWS_PER_SECOND, Window
 
 _STANDSTILL_WINDOWS = WINDOWS_PER_SECOND
@@ -43,15 +43,14 @@ class StandstillLimits:
     Attributes
     ----------
     rate : rad/s, mean rate over 1 s less bias, in addition to 3 sigma of bias and mean.
-    force_change : m/s², change of the mean specific force between successive half seconds.
     gyro_spread : rad/s, standard deviation of the gyro within a window; its noise and a shaking engine
     included.
-    rocking_rate, rocking_force_change, rocking_gyro_spread : the same for rocking, over 2 s.
+    rocking_rate, rocking_gyro_spread : the same for rocking, over 2 s.
+    rocking_force_change : m/s², change of the specific force of a window within these 2 s.
     max_rocking_rate : rad/s of any single window, in addition to 3 sigma of the biases.
     """
 
     rate: float = 0.005
-    force_change: float = 0.06
     gyro_spread: float = 0.1
     rocking_rate: float = 0.02
     rocking_force_change: float = 0.8
@@ -150,7 +149,11 @@ class StandstillDetector:
         )
         is_zero, noise = _is_rate_zero(last, limits.rate + margin)
         self._measure_shaking(noise)
-        if is_zero and gravity_change < limits.force_change and spread < limits.gyro_spread**2:
+        if (
+            is_zero
+            and gravity_change < GATE_SIGMA * STANDSTILL_FORCE_SIGMA
+            and spread < limits.gyro_spread**2
+        ):
             self._standstill_windows = last
             self._noise_history.append(noise)
             # Values of a second ago, because the newest windows may contain the start of a drive.

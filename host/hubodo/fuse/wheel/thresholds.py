@@ -31,6 +31,9 @@ orientation no longer count unless they were confirmed. Estimated."""
 HARD_ACCELERATION = 3.0
 """m/s² of hard braking and cornering, for seconds on end. Estimated."""
 
+STANDSTILL_FORCE_SIGMA = 0.02
+"""m/s², 1 sigma of the specific force on a stationary wheel: passengers move, the ground gives. Estimated."""
+
 MIN_ROLLING_RATE = 1.0
 """rad/s; gravity rotates once in six seconds at it; a slower wheel is not compared with its accelerometers.
 Estimated."""

@@ -48,7 +48,7 @@ class BoardCalls:
         if ahead > max_lead_ns:
             real_time.sleep(ahead * CONFIG["pace"] / 1e9)
 
-    def spend(self, ns):
+    def advance_time(self, ns):
         """Advance virtual time by `ns`."""
         if STEPPED:
             self.t += ns
@@ -80,7 +80,7 @@ class BoardCalls:
             data += chunk
         status, self.flags, _, n, t, self.quiet = RESPONSE.unpack_from(data)
         self.wait_until(t)
-        self.spend(CONFIG["call_cost_ns"])
+        self.advance_time(CONFIG["call_cost_ns"])
         self.contact = self.now()
         if self.flags & FLAG_INTERRUPT:
             self.interrupted = True
@@ -103,7 +103,7 @@ class BoardCalls:
         if self.stale(CONFIG["refresh_ns"]):
             self.ask("PING")
         else:
-            self.spend(CONFIG["tick_cost_ns"])
+            self.advance_time(CONFIG["tick_cost_ns"])
         return self.flags
 
     def device_us(self):
@@ -111,11 +111,11 @@ class BoardCalls:
         return self.ticks_start + (self.now() - CONFIG["t_boot_ns"]) * self.rate / 1000
 
     def ticks_us(self):
-        self.spend(CONFIG["tick_cost_ns"])
+        self.advance_time(CONFIG["tick_cost_ns"])
         return int(self.device_us()) % TICKS_PERIOD
 
     def ticks_ms(self):
-        self.spend(CONFIG["tick_cost_ns"])
+        self.advance_time(CONFIG["tick_cost_ns"])
         return int(self.device_us() / 1000) % TICKS_PERIOD
 
     def sleep_us(self, us):

@@ -42,6 +42,7 @@ from hubodo.fuse.wheel.entries import (
     YAW_RATE,
     Entry,
 )
+from hubodo.fuse.wheel.thresholds import STANDSTILL_FORCE_SIGMA
 from hubodo.fuse.wheel.window import WINDOW_S, Window
 
 Row = tuple[float, float, dict[Entry, float]]
@@ -109,10 +110,9 @@ class WindowNoise:
         )
 
 
-STANDSTILL_FORCE_VARIANCE = (0.02 * WINDOW_S) ** 2
-"""(m/s)²; 0.02 m/s² (1 sigma) of specific force on a stationary wheel: passengers move, the ground gives.
-Estimated.
-"""
+_STANDSTILL_VELOCITY_SIGMA = STANDSTILL_FORCE_SIGMA * WINDOW_S
+STANDSTILL_FORCE_VARIANCE = _STANDSTILL_VELOCITY_SIGMA * _STANDSTILL_VELOCITY_SIGMA
+"""(m/s)², of the specific force on a stationary wheel in a window."""
 
 _LINEARISED_ENTRIES = (
     *(YAW_RATE, WHEEL_ANGLE, GYRO_SCALE_Z, GYRO_BIAS_Z, RATE_BEYOND_RANGE, CAMBER),
