@@ -80,6 +80,8 @@ def test_one_class_and_one_line_suffice_to_simulate_an_effect_and_to_find_it(
         tmp_path / "true.toml",
         "--duration",
         25,
+        "--rate",
+        104,
         "--seed",
         2,
         "-o",

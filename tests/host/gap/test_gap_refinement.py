@@ -69,7 +69,9 @@ z = 0.0577
 )
 def test_a_wrong_value_in_the_model_file_is_refined_and_the_old_one_given(scope, heading, tmp_path):
     seed = 11
-    (hidden,) = write_case(tmp_path / "log", seed, ["gyro_bias"], "strong", scope=scope, duration=60.0)
+    (hidden,) = write_case(
+        tmp_path / "log", seed, ["gyro_bias"], "strong", scope=scope, duration=40.0, rate_hz=50.0
+    )
     model = tmp_path / "log" / "model.toml"
     wrong = {axis: 0.4 * value for axis, value in hidden.parameters.items()}
     values = "\n".join(f"{axis} = {value}" for axis, value in wrong.items())
