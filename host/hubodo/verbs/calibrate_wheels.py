@@ -28,7 +28,7 @@ from hubodo.fuse.wheel.calibration.positions import Positions
 from hubodo.fuse.wheel.calibration.result import WheelCalibration
 from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.node_screening import check_times
-from hubodo.fuse.wheel_odometry import determine_log_ranges, extend_ranges
+from hubodo.fuse.wheel_nodes import determine_log_ranges, extend_ranges
 from hubodo.log.any_log import read_log
 from hubodo.log.roles import NODES_ROLE
 from hubodo.log.units import check_units

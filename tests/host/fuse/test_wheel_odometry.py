@@ -4,11 +4,8 @@ import numpy as np
 import pytest
 
 from hubodo.errors import InputError
-from hubodo.fuse.wheel_odometry import (
-    compute_wheel_odometry,
-    read_start_heading,
-    select_wheel_nodes,
-)
+from hubodo.fuse.wheel_nodes import select_wheel_nodes
+from hubodo.fuse.wheel_odometry import compute_wheel_odometry, read_start_heading
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import NodeMount, Vehicle
 
