@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from generators import warm_ups
 from generators.noise import gyro_noise
-from generators.odd_records import ADDED, CHANGES, disturb
+from generators.odd_records import ADDED, CHANGES, FAST_CLOCK, disturb
 from generators.steady_turns import steady_turns
 from generators.table_record import DEG_H, table_record
 from generators.table_worlds import NOISE, even
@@ -37,7 +37,7 @@ from hubodo.sensors.standstill_channel import read_standstill_channel
 from hubodo.sensors.warmup.characterise import characterise_standstill_warmup
 
 DEG = np.pi / 180
-BIASES = ("bias step", "ramp up and down", "bias walks")
+BIASES = ("bias step", "ramp up and down", "bias walks", "daily cycle")
 """Disturbances that are part of the bias; the others are noise about it."""
 SHARED_ROWS = {name: (name, {}) for name in ("none", *ADDED, *CHANGES)}
 TWO = {"programme": even(turns=[180, -180] * 6), "method": "maytag"}
@@ -123,8 +123,9 @@ def warmup(name, seed, **_):
     )
     ages = np.array([times[-1] - 20.0, min(times[-1] + 1800.0, seconds - 20.0)])
     mean, sigma = result.forecast.predict(ages)
-    truth = np.array([true[(t > age - 15) & (t < age + 15), 2].mean() for age in ages])
-    return Answer(list((mean - truth) / sigma), result.notes)
+    at = ages / clock_rate(name)
+    truth = np.array([true[(t > age - 15) & (t < age + 15), 2].mean() for age in at])
+    return Answer(list((mean - truth) / sigma), result.remarks)
 
 
 def north(name, seed, latitude=45.0, given=None, programme=None, method="maytag4", **world):
@@ -149,8 +150,12 @@ def heading(name, seed, **world):
     times, gyro, accel = disturb(name, t, gyro, accel, rng, 0.02 * DEG)
     sign = -1 if name == "axes reversed" else 1
     result = heading_from_recording(recording(times, gyro, accel), "imu", HeadingOptions(), log="log")
-    truth = sign * np.interp(result.track.t[-1], t, true)
+    truth = sign * np.interp(t[0] + (result.track.t[-1] - t[0]) / clock_rate(name), t, true)
     return Answer([(result.track.heading[-1] - truth) / result.track.sigma[-1]], result.notes)
+
+
+def clock_rate(name):
+    return FAST_CLOCK if name == "clock 1 % fast" else 1.0
 
 
 TITLES = {

@@ -46,6 +46,11 @@ def vibration(t, rng, size):
     return 50 * size * (np.sin(2 * np.pi * 11.3 * t) + 0.6 * np.sin(2 * np.pi * 17.9 * t + rng.uniform(0, 6)))
 
 
+def daily_cycle(t, rng, size):
+    """Return the bias of a room whose temperature goes through 0.7 of a cycle."""
+    return 3 * size * np.sin(2 * np.pi * (t - t[0]) / (0.7 * _length(t)) + rng.uniform(0, 2 * np.pi))
+
+
 ADDED = {
     "bias step": bias_step,
     "ramp up and down": ramp_and_return,
@@ -53,6 +58,7 @@ ADDED = {
     "noise over 5 s": correlated,
     "sway at 0.07 Hz": sway,
     "vibration lines": vibration,
+    "daily cycle": daily_cycle,
 }
 
 
@@ -132,6 +138,45 @@ def short(t, gyro, accel, rng, size):
     return t[rows], gyro[rows], accel[rows]
 
 
+def missing_codes(t, gyro, accel, rng, size):
+    """Convert with codes as wide as the noise, whose edges are off by 0.4 of a code; a tenth are missing."""
+    step = np.median(np.abs(np.diff(gyro, axis=0))) / 0.6745 / np.sqrt(2)
+    first = np.floor(gyro.min() / step) - 2
+    edges = first + np.arange(np.ceil(gyro.max() / step) - first + 3.0)
+    codes = edges + 0.5
+    edges = np.sort(edges + 0.4 * rng.standard_normal(len(edges)).clip(-1, 1))
+    used = np.flatnonzero(rng.random(len(edges)) > 0.1)
+    index = np.clip(np.searchsorted(edges[used], gyro / step) - 1, 0, len(used) - 1)
+    return t, step * codes[used[index]], accel
+
+
+def low_pass(t, gyro, accel, rng, size):
+    """Filter both sensors by one pole at 5 Hz."""
+    pole = np.exp(-2 * np.pi * 5.0 * np.median(np.diff(t)))
+
+    def filtered(values):
+        return lfilter([1 - pole], [1, -pole], values - values[0], axis=0) + values[0]
+
+    return t, filtered(gyro), filtered(accel)
+
+
+def other_unit(t, gyro, accel, rng, size):
+    """Continue with the samples of another unit in the second half: its bias and three times the noise."""
+    gyro, half = gyro.copy(), len(t) // 2
+    noise = np.median(np.abs(np.diff(gyro, axis=0)), axis=0) / 0.6745 / np.sqrt(2)
+    gyro[half:] += 20 * size * rng.choice([-1, 1], 3)
+    gyro[half:] += np.sqrt(8.0) * noise * rng.standard_normal((len(t) - half, 3))
+    return t, gyro, accel
+
+
+FAST_CLOCK = 1.01
+
+
+def fast_clock(t, gyro, accel, rng, size):
+    """Stamp the samples by a clock that runs one per cent fast."""
+    return t[0] + FAST_CLOCK * (t - t[0]), gyro, accel
+
+
 CHANGES = {
     "half the rate": half_rate,
     "six gaps": gaps,
@@ -143,6 +188,10 @@ CHANGES = {
     "rows of NaN": missing_rows,
     "moved by hand": moving,
     "too short": short,
+    "missing codes": missing_codes,
+    "low-pass at 5 Hz": low_pass,
+    "half of another unit": other_unit,
+    "clock 1 % fast": fast_clock,
 }
 
 

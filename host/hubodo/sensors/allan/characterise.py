@@ -15,9 +15,11 @@ from hubodo.sensors.allan.covariance import TERMS, covariance_tensor, design_mat
 from hubodo.sensors.allan.deviation import AllanPoints, allan_deviation, averaging_factors
 from hubodo.sensors.allan.fit import NoiseFit, NoiseTerm, fit_noise
 from hubodo.sensors.allan.ieee952 import is_gyro
+from hubodo.sensors.allan.noise_change import find_noise_change
 from hubodo.sensors.allan.result import AllanResult
 from hubodo.sensors.allan.sinusoids import Sinusoid, remove_sinusoids
 from hubodo.sensors.bias_step import find_bias_step
+from hubodo.sensors.code_density import missing_codes, uneven_steps
 from hubodo.sensors.even_grid import EvenGrid, Spans, grid_all_samples, place_on_grid
 from hubodo.sensors.imu.quantisation import rounding_sigma
 from hubodo.sensors.standstill_channel import StandstillRecord
@@ -29,6 +31,8 @@ _COARSE_STEP_RATIO, _BLIND_STEP_RATIO = 1.8, 5.0
 """Steps in units of the scatter of the samples. Noise of half a step scatters by 1 / 1.73 of a step; with
 less, the error of a mean no longer averages out, and it is not white.
 """
+_MAX_UNEVENNESS = 0.15
+"""Differential nonlinearity, relative, from which on the noise at the output is not that of the sensor."""
 _MAX_PLAUSIBLE_RANDOM_WALK = math.radians(10.0 / 60.0)
 """rad/√s, 10 deg/√h; gyros of the 1990s had 5, the MEMS gyros of today have 0.1 to 1."""
 
@@ -101,6 +105,9 @@ def characterise_noise(
         fit = _without_terms(fit, cause, ("B", "K", "R"), "slow terms would measure that step")
     if coarse:
         fit = _without_terms(fit, coarse, TERMS, "the deviation is that of the rounding, not of the sensor")
+    elif change := _describe_noise_change(record, channel):
+        fit = _without_terms(fit, change, TERMS, "one number does not describe both parts")
+        cause = f"{cause}, and {change}" if cause else change
     edf = _equivalent_dof(points, fit)
     low = points.adev * np.sqrt(edf / chdtri(edf, 0.025))
     high = points.adev * np.sqrt(edf / chdtri(edf, 0.975))
@@ -154,7 +161,8 @@ def _write_notes(
             f"total, first from {first:.6g} to {last:.6g} s: cut out and treated as gaps; --as-is keeps them"
         )
     if cause:
-        notes.append(f"{cause}: B, K and R are not given")
+        which = "B, K and R are" if fit.terms["N"].value is not None else "no noise term is"
+        notes.append(f"{cause}: {which} not given".replace("is not", "is"))
     if coarse:
         notes.append(f"{coarse}: no noise term is given; use a smaller range, or record more bits or digits")
     random_walk = fit.terms["N"].value
@@ -239,6 +247,19 @@ def _cause_of_step(record: EvenGrid, temperature_step: TemperatureStep | None, c
     return f"the bias steps by {_in_common_unit(step.change, channel, '+.3g')} at {step.t:.6g} s"
 
 
+def _describe_noise_change(record: EvenGrid, channel: str) -> str:
+    """Return in words that the white noise of the record changes, or "" if it does not."""
+    change = find_noise_change(record)
+    if change is None:
+        return ""
+    t, before, after = change
+    return (
+        f"the scatter of the samples changes from {_in_common_unit(before, channel)} to "
+        f"{_in_common_unit(after, channel)} at about {t:.6g} s, as with another sensor, range or bandwidth: "
+        f"use --end {t:.6g} or --start {t:.6g}"
+    )
+
+
 def _describe_coarse_steps(values: Array, channel: str) -> str:
     """Return in words that the channel is rounded to steps larger than its noise, or "" if it is not.
 
@@ -246,6 +267,14 @@ def _describe_coarse_steps(values: Array, channel: str) -> str:
     """
     step = rounding_sigma(values)[1]
     ratio = step / max(float(np.std(np.diff(values))) / math.sqrt(2.0), 1e-300)
+    missing, expected = missing_codes(values, step)
+    if missing:
+        return (
+            f"{missing} of {expected} codes of the converter never occur, so that its steps of "
+            f"{_in_common_unit(step, channel)} are uneven"
+        )
+    if (unevenness := uneven_steps(values, step)) > _MAX_UNEVENNESS:
+        return f"the steps of {_in_common_unit(step, channel)} are uneven by {unevenness:.0%} (1σ)"
     if ratio < _COARSE_STEP_RATIO:
         return ""
     text = f"the output has steps of {_in_common_unit(step, channel)}, {ratio:.1f} times the samples' scatter"

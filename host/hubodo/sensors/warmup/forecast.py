@@ -23,6 +23,8 @@ SIGMA_HORIZON_S = 3.0 * 3600.0
 """The sigmas of an accepted model hold up to this time beyond the record, s."""
 _FORECAST_MEANS = 160
 """Number of means that are fitted; the run time grows with its third power."""
+_KNOWN_SHARES, _CHECK_MEANS, _MIN_PART_MEANS = (0.5, 0.67), 60, 4
+"""Parts of the record that forecast the rest, their number of means, and the least in a third of the rest."""
 _MIN_RELATIVE_WEIGHT = 1e-3
 """Forms with a smaller weight, relative to the largest, are dropped."""
 _QUIET_LOG_PRIOR = 3.0
@@ -44,6 +46,8 @@ class BiasForecast:
         mean_weights: (F,) weights of the forms in the bias, with sum 1. Slow noise that the record does not
             show increases the sigma but does not change the bias.
         rounding: 1σ of the error of all means that rounding to steps causes, rad/s.
+        inflation: factor of all sigmas, 1 or more, by which a forecast from the first part of the record
+            missed the rest; see `forecast_inflation`.
     """
 
     t: Array
@@ -53,6 +57,7 @@ class BiasForecast:
     weights: Array
     mean_weights: Array
     rounding: float = 0.0
+    inflation: float = 1.0
 
     def predict(self, age: Array, temperature: Array | None = None) -> tuple[Array, Array]:
         """Return bias and sigma, (M,) rad/s, at ages (M,) s since power-on.
@@ -65,7 +70,8 @@ class BiasForecast:
         predictions = [self._predict_form(form, factor, age, temperature) for form, factor in pairs]
         means, variances = (np.array(row) for row in zip(*predictions, strict=True))
         mean = self.mean_weights @ means
-        return mean, np.sqrt(self.weights @ (variances + (means - mean) ** 2) + self.rounding**2)
+        variance = self.weights @ (variances + (means - mean) ** 2)
+        return mean, np.sqrt(self.inflation**2 * variance + self.rounding**2)
 
     def model_error(self, age: Array, bias: Array, temperature: Array | None = None) -> Array:
         """Return the rms error, (M,) rad/s, of another model that predicts `bias` (M,) at these ages."""
@@ -104,14 +110,59 @@ class BiasForecast:
         return mean, variance + temperature_variance
 
 
-def fit_forecast(
+def forecast_inflation(
     t: Array, means: Array, temperature: Array | None, initial_constants: tuple[float, ...]
+) -> float:
+    """Return the rms error of forecasts of the rest of the record from its first part, in sigma; at least 1.
+
+    Parameters as in `fit_forecast`. A bias that something else than a warm-up moves, such as the temperature
+    of a room without a thermometer, is outside all forms: their sigmas do not contain it, its own past does.
+    """
+    return max(
+        1.0, *(_rms_of_forecast(t, means, temperature, initial_constants, share) for share in _KNOWN_SHARES)
+    )
+
+
+def _rms_of_forecast(
+    t: Array,
+    means: Array,
+    temperature: Array | None,
+    initial_constants: tuple[float, ...],
+    share: float,
+) -> float:
+    """Return the rms error, in sigma, of the thirds of what follows a share of the record; 0 if too short."""
+    known = t <= t[0] + share * (t[-1] - t[0])
+    if np.count_nonzero(known) < _CHECK_MEANS or np.count_nonzero(~known) < 3 * _MIN_PART_MEANS:
+        return 0.0
+    forecast = fit_forecast(
+        t[known],
+        means[known],
+        None if temperature is None else temperature[known],
+        initial_constants,
+        n_means=_CHECK_MEANS,
+    )
+    pulls = []
+    for part in np.array_split(np.flatnonzero(~known), 3):
+        temperatures = None if temperature is None else np.array([temperature[part].mean()])
+        bias, sigma = forecast.predict(np.array([t[part].mean()]), temperatures)
+        noise = float(np.std(np.diff(means[part]))) / math.sqrt(2.0 * len(part))
+        pulls.append((float(means[part].mean()) - float(bias[0])) / math.hypot(float(sigma[0]), noise))
+    return float(np.sqrt(np.mean(np.square(pulls))))
+
+
+def fit_forecast(
+    t: Array,
+    means: Array,
+    temperature: Array | None,
+    initial_constants: tuple[float, ...],
+    n_means: int = _FORECAST_MEANS,
 ) -> BiasForecast:
     """Fit all forms to means (N,) rad/s at ages t (N,) s, and weight them by their evidence.
 
-    temperature: (N,) °C or None. initial_constants: two initial time constants, s.
+    temperature: (N,) °C or None. initial_constants: two initial time constants, s. n_means: number of means
+    that they are averaged to.
     """
-    size = max(1, len(t) // _FORECAST_MEANS)
+    size = max(1, len(t) // n_means)
     count = len(t) // size * size
 
     def block_means(values: Array) -> Array:

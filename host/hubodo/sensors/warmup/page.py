@@ -154,7 +154,7 @@ def warmup_sections(result: WarmupResult) -> list[Section]:
     tables = []
     if result.accepted is not None:
         tables.append(PageTable(parameter_headings(), parameter_rows(result.accepted, result.sigma)))
-    notes = " ".join(f"{note}." for note in result.notes)
+    notes = " ".join(f"{note}." for note in result.remarks)
     if result.accepted is not None:
         notes += (
             f" Accepted model: {result.accepted.fit.kind}; its sigmas include the uncertainty of its form."

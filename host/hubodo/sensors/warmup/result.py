@@ -22,7 +22,7 @@ from hubodo.sensors.warmup.assess import AssessedFit, parameter_unit
 from hubodo.sensors.warmup.bias_method import BiasMethodChoice, choose_bias_method
 from hubodo.sensors.warmup.figure import warmup_figure
 from hubodo.sensors.warmup.fit import WarmupFit
-from hubodo.sensors.warmup.forecast import SIGMA_HORIZON_S, BiasForecast, fit_forecast
+from hubodo.sensors.warmup.forecast import SIGMA_HORIZON_S, BiasForecast, fit_forecast, forecast_inflation
 from hubodo.sensors.warmup.page import (
     TEST_HEADINGS,
     forecast_headings,
@@ -37,6 +37,9 @@ from hubodo.sensors.warmup.profile_interval import ProfileIntervals, profile_int
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+
+_NOTED_INFLATION = 2.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -144,8 +147,23 @@ class WarmupResult:
         for candidate in (span / 4.0, span / 20.0):
             if len(initial) < 2 and all(abs(math.log(candidate / one)) > 0.5 for one in initial):
                 initial.append(candidate)
-        forecast = fit_forecast(self.t, self.means, self.mean_temperatures, (*initial, span / 8.0)[:2])
-        return replace(forecast, rounding=self.rounding)
+        constants_at_start = (*initial, span / 8.0)[:2]
+        forecast = fit_forecast(self.t, self.means, self.mean_temperatures, constants_at_start)
+        inflation = forecast_inflation(self.t, self.means, self.mean_temperatures, constants_at_start)
+        return replace(forecast, rounding=self.rounding, inflation=inflation)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Return the notes, and whether the record forecasts itself."""
+        inflation = self.forecast.inflation
+        if inflation < _NOTED_INFLATION:
+            return self.notes
+        return (
+            *self.notes,
+            "a forecast from the first part of the record missed the rest by "
+            f"{inflation:.1f} sigma (rms): something else than a warm-up moves the bias, such as the "
+            f"temperature of the room, and the sigmas of the forecast are {inflation:.1f} times as large",
+        )
 
     @cached_property
     def sigma(self) -> dict[str, float]:
@@ -306,7 +324,8 @@ class WarmupResult:
             "age_at_start": self.age,
             "duration": self.record.duration,
             "residual_noise": fit.noise,
-            "notes": list(self.notes),
+            "forecast_inflation": self.forecast.inflation,
+            "notes": list(self.remarks),
         }
 
     def plot(self) -> Plot:
@@ -335,7 +354,7 @@ class WarmupResult:
             print_table(console, TEST_HEADINGS, whiteness_rows(self.next_model), self.next_model.fit.kind)
         print_table(console, forecast_headings(), forecast_rows(self, self.ages), "forecast bias")
         print_lines(console, [summarise_warmup(self)])
-        print_lines(console, self.notes, label="note")
+        print_lines(console, self.remarks, label="note")
         print_lines(console, warmup_advice(self))
         if self.output:
             print_lines(console, [f"written to {self.output}"])
@@ -348,7 +367,7 @@ class WarmupResult:
         html = html_lines((summarise_warmup(self),))
         if self.accepted is not None:
             html += html_table(parameter_headings(), parameter_rows(self.accepted, self.sigma))
-        return html + html_table(forecast_headings(), forecast_rows(self)) + html_lines(self.notes)
+        return html + html_table(forecast_headings(), forecast_rows(self)) + html_lines(self.remarks)
 
 
 def next_model_reason(fit: WarmupFit) -> str:

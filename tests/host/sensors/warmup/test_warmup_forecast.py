@@ -113,3 +113,17 @@ def test_the_estimator_after_a_standstill_is_selected_by_held_out_error(walk, ch
         assert choice.errors[chosen] <= min(choice.errors.values()) * 1.2
         assert chosen in choice.why
     assert choose_bias_method(np.zeros(100), 0.01) is None
+
+
+def test_a_bias_that_follows_a_room_without_thermometer_widens_the_sigma_and_is_named():
+    """The room warms and cools in the second half of an hour; the bias follows it by 0.02 deg/s."""
+    rng = np.random.default_rng(1)
+    t = np.arange(0.0, 3600.0, 6.0)
+    room = 4e-4 * np.interp(t, [0.0, 2000.0, 2800.0, 3600.0], [0.0, 0.0, 1.0, 0.0])
+    warm = 1e-3 * np.exp(-t / 400.0)
+    noise = rng.normal(0.0, 1.2e-4, len(t))
+    plain = characterise_warmup(t, warm + noise, "gz")
+    disturbed = characterise_warmup(t, warm + room + noise, "gz")
+    assert plain.forecast.inflation < 2.0 and plain.remarks == plain.notes
+    assert disturbed.forecast.inflation > 2.0 and "missed the rest" in disturbed.remarks[-1]
+    assert disturbed.as_json()["forecast_inflation"] == disturbed.forecast.inflation
