@@ -6,9 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import nbformat
 import pytest
-from nbclient import NotebookClient
 
 import hubodo
 from hubodo.verbs import VERBS
@@ -66,6 +64,9 @@ def test_a_readme_on_the_site_has_no_link_to_source_files(site):
 
 @pytest.mark.repeat
 def test_the_notebook_runs(tmp_path):
+    import nbformat
+    from nbclient import NotebookClient
+
     notebook = nbformat.read(ROOT / "host" / "docs" / "notebook.ipynb", as_version=4)
     assert not any(cell.get("outputs") for cell in notebook.cells), "store the notebook without outputs"
     client = NotebookClient(notebook, timeout=300, resources={"metadata": {"path": tmp_path}})

@@ -50,29 +50,37 @@ ENVIRONMENT = {**os.environ, "PYTHONPATH": f"{ROOT / 'host'}:{ROOT / 'protocol'}
 
 @pytest.fixture
 def offers(tmp_path):
-    """Return a function for the completions at the end of each line, computed in a separate process."""
+    """Return a function for the completions at the end of the lines of groups, computed in one process."""
 
-    def complete(*lines):
-        command = [sys.executable, "-c", COMPLETE_LINES, json.dumps(lines)]
+    def complete(*groups):
+        command = [
+            sys.executable,
+            "-c",
+            COMPLETE_LINES,
+            json.dumps([line for lines in groups for line in lines]),
+        ]
         done = subprocess.run(
             command, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, check=True
         )
         offers_by_line = json.loads(done.stdout)
-        return [offers_by_line[line] for line in lines]
+        return [[offers_by_line[line] for line in lines] for lines in groups]
 
     return complete
 
 
 def test_verbs_options_and_ports_are_offered(offers):
-    verbs, begun, options, formats, numbers = offers(
-        "hubodo ", "hubodo rec", "hubodo record --", "hubodo record --log-format ", "hubodo record --baud "
+    (verbs, begun, options, formats, numbers), (ports, named, flash, gnss) = offers(
+        ("hubodo ", "hubodo rec", "hubodo record --", "hubodo record --log-format ", "hubodo record --baud "),
+        (
+            "hubodo record ",
+            "hubodo record left=/dev/ttyA",
+            "hubodo flash /dev/ttyA",
+            "hubodo record --gnss E",
+        ),
     )
     assert set(verbs) >= set(VERBS) and begun == ["record", "recover"]
     assert {"--vehicle", "--log-format", "--quiet"} <= set(options)
     assert formats == ["text", "json"] and numbers == []
-    ports, named, flash, gnss = offers(
-        "hubodo record ", "hubodo record left=/dev/ttyA", "hubodo flash /dev/ttyA", "hubodo record --gnss E"
-    )
     assert set(ports) >= {"/dev/ttyACM0", "E661", "/dev/ttyS0", "left="}
     assert (named, flash, gnss) == (["left=/dev/ttyACM0"], ["/dev/ttyACM0"], ["E661"])
 
@@ -85,18 +93,18 @@ def test_files_and_the_nodes_of_the_given_log_are_offered(offers, tmp_path):
         (tmp_path / name).touch()
     (tmp_path / "csv" / "wheels.csv.gz").touch()
     (tmp_path / "rides" / "broken.mcap").write_bytes(b"no log")
-    logs, inside, nowhere, tables = offers(
-        "hubodo info ", "hubodo info rides/b", "hubodo info nowhere/", "hubodo fuse a.mcap --vehicle "
+    (logs, inside, nowhere, tables), (node, nodes, csv, broken, effects) = offers(
+        ("hubodo info ", "hubodo info rides/b", "hubodo info nowhere/", "hubodo fuse a.mcap --vehicle "),
+        (
+            "hubodo allan a.mcap --node ",
+            "hubodo fuse a.mcap --nodes front,",
+            "hubodo allan csv --node ",
+            "hubodo allan rides/broken.mcap --node ",
+            "hubodo gap m.toml a.mcap --accept gyro_b",
+        ),
     )
     assert (logs, inside) == (["a.mcap", "csv/", "rides/"], ["rides/b.mcap", "rides/broken.mcap"])
     assert (nowhere, tables) == ([], ["csv/", "rides/", "v.toml"])
-    node, nodes, csv, broken, effects = offers(
-        "hubodo allan a.mcap --node ",
-        "hubodo fuse a.mcap --nodes front,",
-        "hubodo allan csv --node ",
-        "hubodo allan rides/broken.mcap --node ",
-        "hubodo gap m.toml a.mcap --accept gyro_b",
-    )
     assert (node, nodes, csv) == (["front", "rear"], ["front,front", "front,rear"], ["hub"])
     assert "left" in broken
     assert set(effects) == {effect.name for effect in EFFECTS if effect.name.startswith("gyro_b")}
