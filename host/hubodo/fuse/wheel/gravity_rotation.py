@@ -15,7 +15,7 @@ from hubodo.earth import STANDARD_GRAVITY
 from hubodo.fuse.wheel.measurements.steady import NodeFixedTerms
 from hubodo.fuse.wheel.window import WINDOW_S, Window
 
-_MAX_GRAVITY_RATIO = 1.5
+MAX_GRAVITY_RATIO = 1.5
 """Ratio of the rotating force and gravity up to which it is accepted as gravity, either way. Estimated."""
 
 MIN_SEARCH_SAMPLES = 25
@@ -36,7 +36,7 @@ class Chirp(NamedTuple):
 
     @property
     def is_gravity(self) -> bool:
-        return 1.0 / _MAX_GRAVITY_RATIO < abs(self.amplitude) / STANDARD_GRAVITY < _MAX_GRAVITY_RATIO
+        return 1.0 / MAX_GRAVITY_RATIO < abs(self.amplitude) / STANDARD_GRAVITY < MAX_GRAVITY_RATIO
 
 
 class GravitySamples(NamedTuple):

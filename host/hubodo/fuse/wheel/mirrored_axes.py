@@ -9,15 +9,13 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
+from hubodo.fuse.wheel.gravity_rotation import MAX_GRAVITY_RATIO
 from hubodo.fuse.wheel.thresholds import MIN_ROLLING_RATE
 from hubodo.recording import Table
 from hubodo.vehicle import facing_sign
 
 _MIN_BLOCKS, _MAX_BLOCKS = 5, 200
 """Blocks required for a verdict, and those used at most. Estimated."""
-
-_MIN_COHERENCE = 0.6
-"""Least force that rotates against the gyro, median of the blocks, as a share of gravity. Estimated."""
 
 
 def correct_mirrored_axes(
@@ -55,7 +53,7 @@ def is_mirrored(node: WheelNode, table: Table) -> bool:
         return False
     forward, backward = np.median(coherence, axis=0)
     # However unequal the scales of both axes are, (sx + sy) / 2 is not below |sx - sy| / 2.
-    return bool(backward > max(_MIN_COHERENCE * STANDARD_GRAVITY, forward))
+    return bool(backward > max(STANDARD_GRAVITY / MAX_GRAVITY_RATIO, forward))
 
 
 def _blocks(t: Array, angle: Array, spin: Array, gyro_limit: float) -> list[slice]:

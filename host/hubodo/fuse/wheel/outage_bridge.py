@@ -41,7 +41,7 @@ MAX_BRIDGED_OUTAGE_S = 6.0
 _MAX_TURNS = 4
 """Turns on either side of the expected number that are compared."""
 
-_END_SPEED_SIGMA, _END_YAW_RATE_SIGMA = 0.05, 0.02
+_END_RATE_SIGMA = 0.02
 """m/s and rad/s, 1 sigma of the motion in the first window after an outage. Estimated."""
 
 _N_STEPS = 32
@@ -272,7 +272,7 @@ class OutageBridge:
             x[column], rows[column] = value, 0.0
             rows[column, source] = 1.0
         variances = np.full(self._n_inputs - n, rolling_variance)
-        variances[:2] = _END_SPEED_SIGMA**2, _END_YAW_RATE_SIGMA**2
+        variances[:2] = _END_RATE_SIGMA**2
         variances[2 : 2 + len(self._wheels)] = WHEEL_ANGLE.prior**2
         if len(self._wheels) == 1:
             variances[-1] = self._yaw.expected_integral()[1]
