@@ -17,12 +17,14 @@ from hubodo.pages.console import print_lines, print_table
 from hubodo.pages.drawing import save_figure
 from hubodo.progress import progress_line
 from hubodo.recording import Recording
+from hubodo.sensors.allan.also import ALSO
 from hubodo.sensors.allan.characterise import characterise_standstill_noise
 from hubodo.sensors.allan.datasheet import CHIP_DATASHEETS, Datasheet, read_datasheet
 from hubodo.sensors.allan.figure import allan_figure
 from hubodo.sensors.allan.ieee952 import is_gyro
 from hubodo.sensors.allan.noise_files import NOISE_CHANNELS, imu_filter_yaml, kalibr_yaml
 from hubodo.sensors.allan.page import NamedResult, allan_page, comparison_table
+from hubodo.sensors.allan.repeatability import find_bias_repeatability
 from hubodo.sensors.allan.result import AllanResult
 from hubodo.sensors.standstill_channel import IMU_CHANNELS
 from hubodo.spelling import suggest_spelling
@@ -47,6 +49,7 @@ class AllanComparison:
         """Return the JSON result of each channel under `sensors`, and the data sheets in SI units."""
         return {
             "sensors": [sensor.as_json() for sensor in self.sensors],
+            "bias_repeatability": [it.as_json() for it in find_bias_repeatability(self.sensors)],
             "datasheets": [
                 {"name": sheet.name, "gyro": sheet.gyro, "accel": sheet.accel} for sheet in self.sheets
             ],
@@ -56,6 +59,7 @@ class AllanComparison:
         """Print one row for each channel and each data sheet."""
         table = comparison_table(_named(self.sensors), self.sheets)
         print_table(console, table.headings, table.rows, "± 1σ")
+        print_lines(console, [it.describe() for it in find_bias_repeatability(self.sensors)])
         for sensor in self.sensors:
             print_lines(console, sensor.notes, label=f"note: {sensor.name}")
 
@@ -97,6 +101,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=range(1, 13),
         metavar="1..12",
         help="averaging times per octave (default 1)",
+    )
+    parser.add_argument(
+        "--also",
+        type=_also,
+        default=(),
+        metavar="KINDS",
+        help=f"show more of the record: {', '.join(ALSO)}, separated by commas (modified Allan, Hadamard and "
+        "total deviation, spectral density)",
     )
     parser.add_argument(
         "--kalibr",
@@ -179,7 +191,18 @@ def _characterised(
     result = characterise_standstill_noise(
         standstill, turn=args.turn, per_octave=args.per_octave, keep_all_samples=args.as_is
     )
-    return replace(result, log=str(log))
+    return replace(result, log=str(log), also=args.also)
+
+
+def _also(text: str) -> tuple[str, ...]:
+    """Return the requested kinds without duplicates; raise ArgumentTypeError for an unknown one."""
+    kinds = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
+    for name in kinds:
+        if name not in ALSO:
+            raise argparse.ArgumentTypeError(
+                f"{name!r}: choose from {', '.join(ALSO)}{suggest_spelling(name, ALSO)}"
+            )
+    return kinds
 
 
 def _channels(text: str) -> list[str]:

@@ -62,7 +62,7 @@ RUNS: tuple[Run, ...] = (
         f"allan rest.mcap --node left --channel gx --force {_STILL} --datasheet MPU-6050 --turn 3 "
         "--per-octave 2 --figure out-{n}.svg --report out-{n}.html --units common"
     ),
-    Run("allan rest.mcap --node left --as-is"),
+    Run("allan rest.mcap --node left --as-is --also hadamard,psd --report out-{n}.html"),
     Run("allan rest.mcap --node left --kalibr out-{n}.yaml --imu-filter out-{n}-filter.yaml"),
     *_logs("warmup", "", 2, "too short for a warm-up"),
     Run(

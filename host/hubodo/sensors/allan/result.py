@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -13,11 +13,13 @@ from hubodo.html_table import html_lines, html_table
 from hubodo.pages.console import print_lines, print_table
 from hubodo.pages.plot import Plot
 from hubodo.recording import Table
+from hubodo.sensors.allan.also import also_json, also_table
 from hubodo.sensors.allan.datasheet import read_datasheet
 from hubodo.sensors.allan.deviation import AllanPoints
 from hubodo.sensors.allan.figure import allan_figure
 from hubodo.sensors.allan.fit import NoiseFit, NoiseTerm
 from hubodo.sensors.allan.ieee952 import rate_unit, term_units
+from hubodo.sensors.allan.other_deviations import deviation, spectral_density
 from hubodo.sensors.allan.page import all_term_rows, hidden_terms_table, summarise_allan, terms_table
 from hubodo.sensors.allan.sinusoids import Sinusoid
 from hubodo.sensors.even_grid import EvenGrid
@@ -62,6 +64,8 @@ class AllanResult:
         Path of the log in the result of the verb.
     sinusoids : tuple of Sinusoid
         Lines that were removed: `frequency`, Hz, `amplitude` and `sigma`, rad/s or m/s².
+    also : tuple of str
+        What table, page and JSON show beside the Allan deviation: `modified`, `hadamard`, `total`, `psd`.
     """
 
     channel: str
@@ -80,6 +84,7 @@ class AllanResult:
     node: str = ""
     log: str | None = None
     sinusoids: tuple[Sinusoid, ...] = ()
+    also: tuple[str, ...] = ()
 
     @property
     def tau(self) -> Array:
@@ -170,7 +175,42 @@ class AllanResult:
             "sinusoids": [it.as_json() for it in self.sinusoids],
             "excluded": [{"start": start, "end": end} for start, end in self.record.excluded],
             "notes": list(self.notes),
+            **also_json(self),
         }
+
+    def deviation(self, kind: Literal["modified", "hadamard", "total"]) -> tuple[Array, Array]:
+        """Return another deviation of the record, of its longest span without gaps.
+
+        Parameters
+        ----------
+        kind : {"modified", "hadamard", "total"}
+            Modified Allan, overlapping Hadamard, or total deviation.
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            (P,) averaging times, s, and (P,) deviations, rad/s or m/s².
+
+        Raises
+        ------
+        InputError
+            If the kind is unknown or no span has eight samples.
+
+        References
+        ----------
+        NIST Special Publication 1065, eq. 14, 17 and 21.
+        """
+        return deviation(self.record, kind)
+
+    def spectral_density(self) -> tuple[Array, Array]:
+        """Return the one-sided root spectral density of the longest span without gaps, by Welch's method.
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            (F,) frequencies, Hz, and (F,) root densities, rad/s/√Hz or m/s²/√Hz; white noise has √2 N.
+        """
+        return spectral_density(self.record)
 
     def frame(self) -> pd.DataFrame:
         """Return deviation, sigma and 95 % interval as a pandas data frame.
@@ -215,6 +255,8 @@ class AllanResult:
         headings, *rows = all_term_rows(self)
         print_table(console, headings, rows, self.name)
         print_lines(console, [summarise_allan(self)])
+        if (table := also_table(self)) is not None:
+            print_table(console, table.headings, table.rows, "other deviations")
         print_lines(console, self.notes, label="note")
 
     def __repr__(self) -> str:
