@@ -9,6 +9,7 @@ from pathlib import Path
 
 _MAX_COMPARED_LENGTH = 60  # characters; comparison takes quadratic time
 _MIN_SIMILARITY = 0.55
+_MIN_SIMILARITY_OF_OPTIONS = 0.65
 _MIN_SIMILARITY_OF_SHORT_WORDS = 0.5
 _SHORT_WORD_LENGTH = 3
 _URL = re.compile(r"([a-z][a-z0-9]+):[/\\]")
@@ -24,7 +25,8 @@ _MEANT_BY_SCHEME = (
 def suggest_spelling(word: str, known: Iterable[str]) -> str:
     """Return ", did you mean ...?" for an error about an unknown word; "" where no known word is similar."""
     known_by_text = {text.lstrip("-"): text for text in known}  # common hyphens must not count as similarity
-    return _suggest(word.lstrip("-"), known_by_text)
+    minimum = _MIN_SIMILARITY_OF_OPTIONS if word.startswith("--") else _MIN_SIMILARITY
+    return _suggest(word.lstrip("-"), known_by_text, minimum)
 
 
 def explain_missing_file(path: Path, reason: str) -> str:
@@ -48,10 +50,10 @@ def suggest_file(path: Path) -> str:
     return _suggest(path.name.partition(".")[0], known_by_stem)
 
 
-def _suggest(word: str, known_by_text: Mapping[str, str]) -> str:
+def _suggest(word: str, known_by_text: Mapping[str, str], minimum: float = _MIN_SIMILARITY) -> str:
     text = word[:_MAX_COMPARED_LENGTH]
     is_short = len(text) <= _SHORT_WORD_LENGTH
-    similarity = _MIN_SIMILARITY_OF_SHORT_WORDS if is_short else _MIN_SIMILARITY
+    similarity = _MIN_SIMILARITY_OF_SHORT_WORDS if is_short else minimum
     if is_short:  # --web is not --debug
         known_by_text = {it: named for it, named in known_by_text.items() if len(it) <= len(text) + 1}
     close = difflib.get_close_matches(text, list(known_by_text), 1, similarity)

@@ -24,6 +24,7 @@ TRACK_COLUMNS = (
     *("cov_xy", "cov_x_heading", "cov_y_heading"),
 )
 RESULT_FILES = ("track.csv", "fuse.json")
+_SUFFIXES_OF_FILES = (".csv", ".json", ".mcap", ".html", ".gpx", ".kml", ".tum", ".txt", ".toml")
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +124,12 @@ def track_to_table(track: Track) -> Table:
 
 
 def check_no_results(folder: Path) -> None:
-    """Raise InputError for a folder that already holds a result."""
+    """Raise InputError for a folder that already holds a result, or for the name of a file."""
+    if folder.suffix.lower() in _SUFFIXES_OF_FILES and not folder.is_dir():
+        raise InputError(
+            f"{folder}: is the name of a file, and a folder is due here, such as {folder.stem}/ with "
+            f"{' and '.join(RESULT_FILES)} in it; `hubodo export` writes other formats of the track"
+        )
     existing = next((folder / name for name in RESULT_FILES if (folder / name).exists()), None)
     if existing is not None:
         raise InputError(f"{existing}: exists already; choose another name, or give --force to replace it")

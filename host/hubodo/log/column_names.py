@@ -16,6 +16,7 @@ _TIME_NAMES = (
     "time",
     "timestamp",
     "time_stamp",
+    "stamp",
     "datetime",
     "date_time",
     "seconds_elapsed",

@@ -171,9 +171,14 @@ def _assign_columns(source: str, numbers: NumberTable, input_format: InputFormat
             for column in columns
         ]
     named = f" ({format_names(numbers.names)})" if numbers.names else ""
-    example = ",".join([*NODE_COLUMNS, *("-" * (width - len(NODE_COLUMNS)))])
+    n_channels = len(NODE_COLUMNS) - 1
+    # Three columns are likely a gyro, six both sensors, without times.
+    is_timed = width not in (n_channels // 2, n_channels)
+    likely = NODE_COLUMNS[0 if is_timed else 1 : None if width >= n_channels else n_channels // 2 + 1][:width]
+    example = ",".join([*likely, *("-" * (width - len(likely)))])
+    rate = "" if is_timed or input_format.rate else " --rate HZ"
     raise InputError(
-        f"{source}: has {width} columns{named}; name them, as in --columns {example}; - omits one"
+        f"{source}: has {width} columns{named}; name them, as in --columns {example}{rate}; - omits one"
     )
 
 

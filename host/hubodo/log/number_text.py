@@ -107,6 +107,11 @@ def _describe_fault(path: Path, text_format: TextFormat) -> str:
             width = text_format.width
             return f"{path}: row {number} has {len(cells)} columns, the first {width}; correct the row"
         bad = next((cell.strip() for cell in cells if not is_number(cell)), None)
+        if bad is not None and bad[:1].isalpha() and bad.endswith((":", "=")):
+            return (
+                f"{path}: row {number}: {bad[:40]!r} is a label beside each number; write a table, with the "
+                "labels once above it"
+            )
         if bad is not None:
             return f"{path}: row {number}: {bad[:40]!r} is not a number; correct the row, or write nan"
     return f"{path}: its rows are not numbers"

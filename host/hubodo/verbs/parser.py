@@ -51,6 +51,10 @@ _VERB_SYNONYMS = {
     "run": (("record",),),
     "odometry": (("fuse",),),
     "odom": (("fuse",),),
+    "track": (("fuse",),),
+    "trajectory": (("fuse",),),
+    "list": (("logs",), ("info",)),
+    "web": (("serve",),),
 }
 """Verb or kind that people try: those that do it, of which the first group applies that the parser has."""
 

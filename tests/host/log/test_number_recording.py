@@ -272,3 +272,25 @@ def test_a_folder_of_text_files_is_answered_by_their_new_name(tmp_path):
     write_text(tmp_path / "left.txt", "t,gx\n0,1\n")
     with pytest.raises(InputError, match=r"holds no node; .*; rename left\.txt to left\.csv"):
         read_log(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("width", "advice"),
+    [
+        (3, "--columns gx,gy,gz --rate HZ; - omits one"),
+        (4, "--columns t,gx,gy,gz; - omits one"),
+        (5, "--columns t,gx,gy,gz,-; - omits one"),
+        (6, "--columns gx,gy,gz,ax,ay,az --rate HZ; - omits one"),
+        (8, "--columns t,gx,gy,gz,ax,ay,az,-; - omits one"),
+    ],
+)
+def test_a_file_without_headings_is_answered_by_as_many_names_as_it_has_columns(tmp_path, width, advice):
+    np.save(tmp_path / "a.npy", np.arange(10.0 * width).reshape(10, width))
+    with pytest.raises(InputError, match=f"has {width} columns.*{advice}$"):
+        read_log(tmp_path / "a.npy")
+
+
+def test_labels_beside_the_numbers_are_named_as_such(tmp_path):
+    (tmp_path / "a.log").write_text("gx: 1.5 gy: 2.5\n" * 20)
+    with pytest.raises(InputError, match="'gx:' is a label beside each number; write a table"):
+        read_log(tmp_path / "a.log")

@@ -88,6 +88,14 @@ def test_the_circle_is_estimated_and_compared_with_the_truth(folder, capsys, arg
             assert bias["value"] == pytest.approx(0.013, abs=max(1e-3, 3 * bias["sigma"]))
 
 
+def test_an_output_that_is_named_like_a_file_is_refused(folder):
+    done = hubodo(
+        "fuse", folder / "log.mcap", "--vehicle", folder / "vehicle.toml", "-o", folder / "track.gpx"
+    )
+    assert done.code == 2 and "is the name of a file, and a folder is due here, such as track/" in done.err
+    assert not (folder / "track.gpx").exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "smoothing", "causal"),
     [

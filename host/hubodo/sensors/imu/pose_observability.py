@@ -80,8 +80,9 @@ class PoseObservability:
     def describe_deficit(self, triad: str) -> str:
         """Return one line with the unobservable parameters and the poses that would determine them."""
         helps = "; ".join(self.suggestions) or "no single pose helps: average longer in each"
+        poses = "a single pose does" if self.count == 1 else f"the {self.count} poses do"
         return (
-            f"the {self.count} poses do not determine {', '.join(self.unobservable)} of the {triad} triad "
+            f"{poses} not determine {', '.join(self.unobservable)} of the {triad} triad "
             f"(condition number {self.condition:.2g}); further poses that would help: {helps}"
         )
 
