@@ -13,7 +13,6 @@ NEES: squared error of x and y in units of sigma, 2 if consistent.
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from pathlib import Path
@@ -34,6 +33,7 @@ from hubodo.fuse.wheel.config import RADIUS_SIGMAS, wheel_config
 from hubodo.fuse.wheel.entries import GYRO_SCALE_ACROSS, YAW_RATE_FROM_GRAVITY
 from hubodo.fuse.wheel.track import run_wheel_filter
 from hubodo.recording import Table
+from script_arguments import script_parser
 
 Array = NDArray[np.float64]
 
@@ -119,11 +119,7 @@ def end_of_outage(path: Track, truth: Table, seed: int, knows_heading: bool) -> 
 
 def main() -> int:
     """Print a line for each drive and set of nodes; then all of them."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument("--first-seed", type=int, default=0)
+    parser = script_parser(__doc__, seeds=10, first_seed=0)
     args = parser.parse_args()
     seeds = range(args.first_seed, args.first_seed + args.seeds)
     print(f"seeds {seeds[0]} to {seeds[-1]}; m at the end of an outage of {OUTAGE:g} s")

@@ -10,7 +10,6 @@ baseline is plain differential odometry from the same two saturated gyros.
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from pathlib import Path
@@ -23,6 +22,7 @@ import numpy as np
 from accuracy.mixed import differential_odometry_error
 from generators.clipped_drives import CASES, clipped_drive
 from hubodo.fuse.wheel.track import run_wheel_filter
+from script_arguments import script_parser
 from wheel_runs import BOTH, config, end_error, nees, tables
 
 WHEELS = {"one": ("left",), "two": BOTH}
@@ -30,11 +30,7 @@ WHEELS = {"one": ("left",), "two": BOTH}
 
 def main() -> int:
     """Print a line for each case, with one wheel and with two."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--drives", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=100)
+    parser = script_parser(__doc__, drives=20, seed=100)
     parser.add_argument("--cases", nargs="+", default=list(CASES), choices=list(CASES))
     args = parser.parse_args()
     print(f"seeds {args.seed} to {args.seed + args.drives - 1}; error at the end, % of the distance")

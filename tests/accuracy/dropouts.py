@@ -12,7 +12,6 @@ is covered if its error is within 0.3 m or within three sigmas.
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from pathlib import Path
@@ -24,6 +23,7 @@ import numpy as np
 
 from generators.outages import random_outage
 from hubodo.fuse.wheel.track import run_wheel_filter
+from script_arguments import script_parser
 from wheel_runs import BOTH, config, pose_error, tables
 
 GROUPS = {"up to 1 s": (0.0, 1.0), "1 to 3 s": (1.0, 3.0), "3 to 5 s": (3.0, 5.0), "all": (0.0, 5.0)}
@@ -31,11 +31,7 @@ GROUPS = {"up to 1 s": (0.0, 1.0), "1 to 3 s": (1.0, 3.0), "3 to 5 s": (3.0, 5.0
 
 def main() -> int:
     """Print a line for each length of outage, with one wheel and with two."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--drives", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=3000)
+    parser = script_parser(__doc__, drives=200, seed=3000)
     args = parser.parse_args()
     print(f"outages of all nodes, seeds {args.seed} to {args.seed + args.drives - 1}; errors that they add")
     for names in (BOTH, ("left",)):

@@ -12,7 +12,6 @@ on. Error at the end in % of the distance; NEES of x, y and heading, 3 if consis
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from pathlib import Path
@@ -24,6 +23,7 @@ import numpy as np
 
 from generators.clipped_drives import Clipped, clipped_drive
 from hubodo.fuse.wheel.track import run_wheel_filter
+from script_arguments import script_parser
 from wheel_runs import BOTH, config, end_error, nees, tables
 
 WHEELS = {"one": ("left",), "two": BOTH}
@@ -32,11 +32,7 @@ SPEEDS, ARMS = (10.0, 15.0, 20.0, 25.0, 35.0), (0.0, 0.02, 0.05, 0.15)
 
 def main() -> int:
     """Print a line for each speed and arm, with one wheel and with two."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--drives", type=int, default=6)
-    parser.add_argument("--seed", type=int, default=300)
+    parser = script_parser(__doc__, drives=6, seed=300)
     parser.add_argument("--speeds", type=float, nargs="+", default=SPEEDS, help="m/s")
     parser.add_argument("--arms", type=float, nargs="+", default=ARMS, help="m off the axle")
     parser.add_argument("--diagonal", action="store_true", help="arm halfway between both axes of the node")

@@ -12,7 +12,6 @@ if its error at the end exceeds 10 % of the distance, its NEES of 3 exceeds 30, 
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from pathlib import Path
@@ -24,6 +23,7 @@ import numpy as np
 
 from generators.idling import idling_drive
 from hubodo.fuse.wheel.track import run_wheel_filter
+from script_arguments import script_parser
 from wheel_runs import BOTH, config, end_error, nees, tables
 
 WHEELS = {"one": ("left",), "two": BOTH}
@@ -32,11 +32,7 @@ MAX_ERROR_PERCENT, MAX_NEES = 10.0, 30.0
 
 def main() -> int:
     """Print a line for each number of wheels; return 1 if a drive diverges."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--drives", type=int, default=36)
-    parser.add_argument("--first-seed", type=int, default=7000)
+    parser = script_parser(__doc__, drives=36, first_seed=7000)
     parser.add_argument("--each", action="store_true", help="a line for each drive")
     args = parser.parse_args()
     seeds = range(args.first_seed, args.first_seed + args.drives)

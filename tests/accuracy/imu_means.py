@@ -6,7 +6,6 @@ The generator is `tests/generators/poses.py`. Coverage: share of errors within 1
 binomial 95 % interval. "plain" is an ordinary least-squares line of each axis, or eq. 6 of Avrutov.
 """
 
-import argparse
 import json
 import sys
 import tempfile
@@ -22,6 +21,7 @@ from imu_records import coverage, draw_errors, rms, solve_once, triad_matrix
 
 from generators.poses import GRAVITY
 from hubodo.cli import main as hubodo
+from script_arguments import script_parser
 
 AXES = "xyz"
 SIGMA = 3e-3
@@ -110,11 +110,7 @@ CASES = {
 
 
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--first", type=int, default=0)
+    parser = script_parser(__doc__, seeds=20, first=0)
     args = parser.parse_args()
     print(f"means of poses, seeds {args.first} to {args.first + args.seeds - 1}: bias in m/s², rms")
     print(f"{'':36s} {'coverage':>20s} {'bias':>8s} {'plain':>8s}  refused")

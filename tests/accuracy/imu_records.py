@@ -7,7 +7,6 @@ Coverage: share of errors within 1.96 of their sigma, with its binomial 95 % int
 "plain" is Avrutov's eq. 6 solved once, "bound" the Cramér-Rao 1σ for the rounding and noise simulated.
 """
 
-import argparse
 import sys
 from pathlib import Path
 
@@ -24,6 +23,7 @@ from hubodo.errors import HubodoError
 from hubodo.sensors.imu.calibrate import calibrate_imu
 from hubodo.sensors.imu.turn_calibration import calibrate_from_turns
 from hubodo.sensors.imu.turns import collect_turns
+from script_arguments import script_parser
 
 FREE = [0, 1, 2, 3, 4, 5, 7, 8, 11]
 """Bias, and the six elements of a symmetric matrix."""
@@ -328,11 +328,7 @@ PARTS = {"quantised": quantised, "rates": rates, "earth": earth, "faults": fault
 
 
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--first", type=int, default=0)
+    parser = script_parser(__doc__, seeds=20, first=0)
     parser.add_argument("--only", choices=PARTS)
     args = parser.parse_args()
     seeds = range(args.first, args.first + args.seeds)

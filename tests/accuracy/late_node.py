@@ -11,7 +11,6 @@ distance; NEES of x, y and heading, 3 if consistent.
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from dataclasses import replace
@@ -26,6 +25,7 @@ from generators.mixed_drives import drawn
 from generators.wheel_drives import WheelDrive
 from hubodo.fuse.wheel.entries import TIME_OFFSET
 from hubodo.fuse.wheel.track import run_wheel_filter
+from script_arguments import script_parser
 from wheel_runs import config, end_error, nees, tables
 
 MIN_ROLLING_RATE = 0.3  # rad/s; a slower wheel does not vibrate
@@ -45,11 +45,7 @@ def late_drive(seed: int, late: float, vibration: float) -> WheelDrive:
 
 def main() -> int:
     """Print a line for each delay, without vibration and with it."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--drives", type=int, default=20)
-    parser.add_argument("--first-seed", type=int, default=5000)
+    parser = script_parser(__doc__, drives=20, first_seed=5000)
     parser.add_argument("--late", type=float, nargs="+", default=(0.0, 0.01, 0.02), help="s")
     parser.add_argument("--vibration", type=float, default=0.2, help="rad/s")
     args = parser.parse_args()

@@ -11,7 +11,6 @@ odometry from the same two gyros.
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from pathlib import Path
@@ -26,6 +25,7 @@ import wheel_runs
 from generators import wheel_drives
 from generators.mixed_drives import Drawn, drawn
 from hubodo.fuse.wheel.track import run_wheel_filter
+from script_arguments import script_parser
 
 NAMES = {"left": ("left",), "two": ("left", "right")}
 DEGREES = 3
@@ -49,11 +49,7 @@ def differential_odometry_error(drive: wheel_drives.WheelDrive, starts_at_stands
 
 def main() -> int:
     """Print the drives by kind; return 1 where the mean NEES leaves its bounds."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--drives", type=int, default=200)
-    parser.add_argument("--first-seed", type=int, default=5000)
+    parser = script_parser(__doc__, drives=200, first_seed=5000)
     parser.add_argument("--each", action="store_true", help="a line for each drive")
     args = parser.parse_args()
     seeds = range(args.first_seed, args.first_seed + args.drives)

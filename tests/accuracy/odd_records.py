@@ -7,7 +7,6 @@ sigma. Warned: a note that the same verb does not give for the record without di
 all answers within 1.96 sigma, with its binomial 95 % interval (Clopper and Pearson).
 """
 
-import argparse
 import os
 import re
 import sys
@@ -35,6 +34,7 @@ from hubodo.sensors.heading.estimate import HeadingOptions, heading_from_recordi
 from hubodo.sensors.north.from_recordings import NorthOptions, north_from_recordings
 from hubodo.sensors.standstill_channel import read_standstill_channel
 from hubodo.sensors.warmup.characterise import characterise_standstill_warmup
+from script_arguments import script_parser
 
 DEG = np.pi / 180
 BIASES = ("bias step", "ramp up and down", "bias walks", "daily cycle")
@@ -212,11 +212,7 @@ def coverage(pulls):
 
 
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--first", type=int, default=0)
+    parser = script_parser(__doc__, seeds=20, first=0)
     parser.add_argument("--only", choices=VERBS)
     parser.add_argument("--rows", default="")
     parser.add_argument("--why", action="store_true")

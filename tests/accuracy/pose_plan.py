@@ -6,7 +6,6 @@ Records by `tests/generators/poses.py`. Ratios to the planned sigma: rms error o
 the sigmas that the calibration reports; 0.8 to 1.25 is as planned.
 """
 
-import argparse
 import sys
 from pathlib import Path
 
@@ -21,6 +20,7 @@ from generators.poses import GRAVITY, carry
 from hubodo.sensors.imu.calibrate import calibrate_imu
 from hubodo.sensors.imu.pose_plan import choose_directions, plan_poses
 from hubodo.sensors.north.drift import DriftNoise
+from script_arguments import script_parser
 
 DT = 0.02
 CASES = ((0.01, 0.01), (0.002, 0.0012))
@@ -47,11 +47,7 @@ def run_trial(seed, density, programme):
 
 
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--first", type=int, default=0)
+    parser = script_parser(__doc__, seeds=20, first=0)
     args = parser.parse_args()
     print(f"planned poses, seeds {args.first} to {args.first + args.seeds - 1}")
     print(f"{'noise':>8s} {'poses':>6s} {'standstill':>10s} {'planned':>9s} {'error':>6s} {'reported':>9s}")

@@ -7,7 +7,6 @@ every parameter that a set of poses shows, the error in units of its sigma; besi
 node that nobody calibrates.
 """
 
-import argparse
 import sys
 from pathlib import Path
 
@@ -20,6 +19,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from generators.poses import GRAVITY, Errors, carry, laid_on_faces
 from hubodo.errors import CalibrationError
 from hubodo.sensors.imu.calibrate import calibrate_imu
+from script_arguments import script_parser
 
 POSES = {
     "six faces, exact": lambda rng: laid_on_faces(rng, 0.0),
@@ -69,11 +69,7 @@ def run_trial(rng, poses):
 
 
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seeds", type=int, default=60)
-    parser.add_argument("--first", type=int, default=0)
+    parser = script_parser(__doc__, seeds=60, first=0)
     args = parser.parse_args()
     print(f"poses of an IMU, seeds {args.first} to {args.first + args.seeds - 1}")
     print(f"{'poses':36s} {'triad':6s} {'what':7s} {'shown':>6s} {'rms':>9s} {'without':>9s} {'rms z':>6s}")

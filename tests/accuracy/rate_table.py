@@ -7,7 +7,6 @@ at the same rates. Coverage: share of errors within 1.96 sigma, with its binomia
 scale error by polyfit through the means of all plateaus, whose sigma is that of its covariance.
 """
 
-import argparse
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +20,7 @@ from imu_records import coverage, rms
 from generators.rate_table import Axis, turn_table
 from hubodo.errors import HubodoError
 from hubodo.sensors.rate_table.calibrate import RateOptions, calibrate_rate
+from script_arguments import script_parser
 
 BASE = Axis(bias=0.01, scale=0.004)
 CASES = {
@@ -56,11 +56,7 @@ def run_trial(axis, rng, from_list):
 
 
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--first", type=int, default=0)
+    parser = script_parser(__doc__, seeds=20, first=0)
     args = parser.parse_args()
     seeds = range(args.first, args.first + args.seeds)
     print(

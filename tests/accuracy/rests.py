@@ -5,7 +5,6 @@ python tests/accuracy/rests.py [--drives 4] [--seed 40] [--rests 5 60 600 1800]
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 
@@ -15,6 +14,7 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
 from generators.standstills import drive_with_standstill  # noqa: E402
 from hubodo.fuse.wheel.track import run_wheel_filter  # noqa: E402
+from script_arguments import script_parser  # noqa: E402
 from wheel_runs import config, end_error, nees, tables  # noqa: E402
 
 KINDS = {"0.002 rad/s of noise": (0.002, 0.0), "0.02 rad/s": (0.02, 0.0), "idling, 0.03 rad/s": (0.002, 0.03)}
@@ -23,11 +23,7 @@ LENGTH = 150.0
 
 def main() -> int:
     """Print a line for each kind, position and length of the standstill."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--drives", type=int, default=4)
-    parser.add_argument("--seed", type=int, default=40)
+    parser = script_parser(__doc__, drives=4, seed=40)
     parser.add_argument("--rests", type=float, nargs="+", default=[5.0, 60.0, 600.0, 1800.0])
     args = parser.parse_args()
     print(

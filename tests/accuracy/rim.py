@@ -10,7 +10,6 @@ which is the best that a second chip can do.
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from pathlib import Path
@@ -25,6 +24,7 @@ from hubodo.fuse.range_extension import extend_table
 from hubodo.fuse.ranges import uncorrected_accel_limit
 from hubodo.fuse.wheel.track import run_wheel_filter
 from hubodo.recording import Table
+from script_arguments import script_parser
 from wheel_runs import BOTH, config, end_error, nees
 
 LIMIT, WIDE_LIMIT = uncorrected_accel_limit(IMU_RANGE), uncorrected_accel_limit(WIDE.accel)
@@ -43,11 +43,7 @@ def records(rim: RimDrive) -> dict[str, tuple[dict[str, Table], float]]:
 
 def main() -> int:
     """Print a line for each speed, direction of the lever arm, number of wheels and set of sensors."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--drives", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=500)
+    parser = script_parser(__doc__, drives=20, seed=500)
     args = parser.parse_args()
     print(f"seeds {args.seed} to {args.seed + args.drives - 1}; error at the end, % of the distance")
     for speed, degrees in ((14.0, 45.0), (20.0, 45.0), (20.0, 0.0)):

@@ -11,7 +11,6 @@ x, y and heading at the end: 3 if consistent.
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from pathlib import Path
@@ -23,6 +22,7 @@ import numpy as np
 
 from generators import wheel_drives
 from hubodo.fuse.wheel.track import run_wheel_filter
+from script_arguments import script_parser
 from wheel_runs import BOTH, config, end_error, nees, tables
 
 KINDS = {
@@ -35,11 +35,7 @@ LENGTH = 120.0
 
 def main() -> int:
     """Print a line for each kind of node, with one wheel and with two."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--drives", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=900)
+    parser = script_parser(__doc__, drives=20, seed=900)
     args = parser.parse_args()
     print(f"loops of {LENGTH:g} m, seeds {args.seed} to {args.seed + args.drives - 1}; at the end:")
     for kind, correlation in KINDS.items():

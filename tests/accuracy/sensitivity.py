@@ -13,7 +13,6 @@ or a warning changes. Runs are stored in the results file, so an interrupted run
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import importlib
 import json
@@ -44,6 +43,7 @@ from hubodo.fuse.wheel.motion_state import StandstillLimits
 from hubodo.fuse.wheel.surface_speeds import SurfaceSpeeds, average_surface_speeds
 from hubodo.fuse.wheel.track import run_wheel_filter
 from hubodo.recording import Table
+from script_arguments import script_parser
 from wheel_runs import BOTH, config, end_error, nees, tables
 
 FACTORS = (0.5, 2.0)
@@ -243,10 +243,7 @@ def compare(result: Result, usual: Result) -> str:
 
 def main() -> int:
     """Print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seeds", type=int, default=1)
+    parser = script_parser(__doc__, seeds=1)
     parser.add_argument("--only", nargs="*", default=[""], help="parts of names; all without it")
     parser.add_argument("--sets", nargs="+", default=["usual", "faults"], choices=["usual", "faults"])
     parser.add_argument("--results", type=Path, default=Path("out/sensitivity.jsonl"))

@@ -5,7 +5,6 @@
 A drive of 21 m; see `tests/set_pose_runs.py`. A consistent pose has a mean NEES of 3.
 """
 
-import argparse
 import sys
 from pathlib import Path
 
@@ -14,15 +13,12 @@ from scipy.stats import chi2
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from script_arguments import script_parser
 from set_pose_runs import pose_nees
 
 
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seeds", type=int, default=60)
-    parser.add_argument("--first", type=int, default=720)
+    parser = script_parser(__doc__, seeds=60, first=720)
     args = parser.parse_args()
     values = np.array([pose_nees(seed) for seed in range(args.first, args.first + args.seeds)])
     inside = np.mean(values < chi2.ppf(0.95, 3))

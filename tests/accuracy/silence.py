@@ -5,7 +5,6 @@ python tests/accuracy/silence.py [--drives 6] [--seed 70] [--silences 1 3 20 60]
 
 from __future__ import annotations
 
-import argparse
 import gc
 import sys
 import time
@@ -20,16 +19,13 @@ from generators.wheel_drives import WheelDrive  # noqa: E402
 from hubodo.fuse.wheel.filter import WheelFilter  # noqa: E402
 from hubodo.fuse.wheel.samples import WheelSample  # noqa: E402
 from hubodo.fuse.wheel.track import run_wheel_filter  # noqa: E402
+from script_arguments import script_parser  # noqa: E402
 from wheel_runs import BOTH, config, pose_error, tables  # noqa: E402
 
 
 def main() -> int:
     """Print a line for each outage and drive, with two wheels and one; then one for each pause."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--drives", type=int, default=6)
-    parser.add_argument("--seed", type=int, default=70)
+    parser = script_parser(__doc__, drives=6, seed=70)
     parser.add_argument("--silences", type=float, nargs="+", default=[1.0, 3.0, 20.0, 60.0])
     parser.add_argument("--pauses", type=float, nargs="+", default=[0.5, 3.0, 600.0, 7200.0, 259_200.0])
     args = parser.parse_args()

@@ -10,7 +10,6 @@ filter. Nothing is calibrated beforehand. In drives where nothing happens each d
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -32,6 +31,7 @@ from hubodo.fuse.wheel.track import WheelRun, run_wheel_filter
 from hubodo.log.csv_folder import read_folder
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import NodeMount, Vehicle
+from script_arguments import script_parser
 from wheel_runs import BOTH, config, end_error, nees, pose_error, tables
 
 ERRORS = replace(wheel_drives.Errors(), flicker=1e-4, accel_flicker=3e-3)
@@ -233,11 +233,7 @@ def count_real_alarms() -> dict[str, int]:
 
 def main() -> int:
     """Print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--drives", type=int, default=16)
-    parser.add_argument("--first-seed", type=int, default=100)
+    parser = script_parser(__doc__, drives=16, first_seed=100)
     args = parser.parse_args()
     seeds = range(args.first_seed, args.first_seed + args.drives)
     print(f"loops of 120 m, seeds {seeds[0]} to {seeds[-1]}; error at the end in % of the path: median, 90 %")

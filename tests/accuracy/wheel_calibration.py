@@ -8,7 +8,6 @@ tape, compared on held-out segments.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections import defaultdict
 from dataclasses import replace
@@ -24,6 +23,7 @@ from hubodo.errors import CalibrationError  # noqa: E402
 from hubodo.fuse.wheel.calibration.calibrate import calibrate_wheels  # noqa: E402
 from hubodo.fuse.wheel.calibration.positions import Positions  # noqa: E402
 from hubodo.fuse.wheel.calibration.result import WheelCalibration  # noqa: E402
+from script_arguments import script_parser  # noqa: E402
 from wheel_runs import config, tables  # noqa: E402
 
 ERRORS = replace(wheel_drives.Errors(), radius=0.01, track=0.015)
@@ -54,10 +54,7 @@ NormalisedErrors = dict[str, list[float]]
 
 def main() -> int:
     """Print one block of results for each kind of positions."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--drives", type=int, default=20)
+    parser = script_parser(__doc__, drives=20)
     parser.add_argument("--length", type=float, default=200.0, help="m of each")
     parser.add_argument("--seed", type=int, default=1000)
     args = parser.parse_args()

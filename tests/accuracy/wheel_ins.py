@@ -9,7 +9,6 @@ that makes another drive of that wheel as long as its reference. The loops are t
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 from collections.abc import Iterator
@@ -26,6 +25,7 @@ from generators import wheel_drives  # noqa: E402
 from hubodo.errors import CalibrationError  # noqa: E402
 from hubodo.recording import Recording, Table  # noqa: E402
 from papers.filters.wheel_ins import WheelIns, WheelInsNoise  # noqa: E402
+from script_arguments import script_parser  # noqa: E402
 
 G = 9.80665
 SETTINGS = {
@@ -44,11 +44,7 @@ CAR_STANDSTILL_S = 2.0
 
 def main() -> int:
     """Print the errors on the car and on the loops."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--drives", type=int, default=20)
-    parser.add_argument("--first-seed", type=int, default=1000)
+    parser = script_parser(__doc__, drives=20, first_seed=1000)
     parser.add_argument("--only", choices=["car", "loops"])
     args = parser.parse_args()
     if args.only != "loops":
