@@ -10,7 +10,6 @@ the rows of the index repeated with other names and times.
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import json
 import os
@@ -31,6 +30,7 @@ import pyarrow.parquet as pq
 
 from batch.fleet_logs import FleetLog, cut, write
 from hubodo.fleet.engine import connect_client
+from script_arguments import script_parser
 
 VEHICLES, BROKEN_EVERY, GAP_EVERY = 40, 400, 100
 SCALING_LOGS, TURNS = 600, 3
@@ -130,10 +130,7 @@ def _repeat_logs(frame, times):
 
 
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--logs", type=int, default=2000)
+    parser = script_parser(__doc__, logs=2000)
     parser.add_argument("--seconds", type=float, default=300.0)
     parser.add_argument("--folder", type=Path, help="keeps logs and results (default: a temporary folder)")
     args = parser.parse_args()

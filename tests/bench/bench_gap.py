@@ -38,6 +38,7 @@ from hubodo.gap.workflow import find_problem_gap
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
 from hubodo.recording import Table
+from script_arguments import script_parser
 from wanted import SHARED
 
 SEED, SECONDS, HIDDEN = 5, 240.0, "wheel_camber"
@@ -211,9 +212,7 @@ def _until(nodes, seconds):
 
 
 def main(argv=None):
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = script_parser(__doc__)
     parser.add_argument("rounds", type=int, nargs="?", default=3)
     parser.add_argument(
         "--minutes", default=MINUTES, type=lambda text: tuple(int(it) for it in text.split(","))

@@ -7,7 +7,6 @@ obvious first program with a library: six states (position, heading, speed, yaw 
 and updated for every pair of samples; it estimates neither wheel angle nor calibration.
 """
 
-import argparse
 import os
 import statistics
 import sys
@@ -26,6 +25,7 @@ from generators import wheel_drives
 from hubodo.ingest.live.odometer import Odometer
 from hubodo.log.records import ImuBlock
 from hubodo.vehicle import NodeMount, Vehicle
+from script_arguments import script_parser
 
 RATES_HZ = (104.0, 208.0, 416.0)
 BLOCK = 8
@@ -81,9 +81,7 @@ def peer(drive):
 
 
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = script_parser(__doc__)
     parser.add_argument("--seconds", type=float, default=120.0)
     parser.add_argument("--seed", type=int, default=3)
     parser.add_argument("--rounds", type=int, default=5)

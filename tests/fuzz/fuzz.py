@@ -7,7 +7,6 @@ first case of each new kind is saved in tests/fuzz/corpus, which test_fuzz.py re
 
 from __future__ import annotations
 
-import argparse
 import os
 import random
 import sys
@@ -24,6 +23,7 @@ from fuzz.isolated import run_isolated
 from fuzz.nmea_cases import sentences
 from fuzz.targets import TARGETS
 from hubodo.ingest.gnss.nmea import NmeaDecoder
+from script_arguments import script_parser
 
 _MOST_KINDS = 20
 _SPACING = 1_000_003  # between the first cases of two seeds
@@ -31,9 +31,7 @@ _SPACING = 1_000_003  # between the first cases of two seeds
 
 def main() -> int:
     """Fuzz the readers named on the command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = script_parser(__doc__)
     parser.add_argument("--reader", action="append", choices=TARGETS, help="repeatable (default: all)")
     parser.add_argument("--seconds", type=float, default=600.0, help="for each reader (default 600)")
     parser.add_argument("--files", type=int, help="cases of each reader, in place of a time")

@@ -7,7 +7,6 @@ environment. The table compares what it received with the log; the exit code is 
 differs. `make interop` installs compiler and library if it can and builds the subscriber.
 """
 
-import argparse
 import json
 import math
 import os
@@ -25,6 +24,7 @@ from fakes.fake_node import FakeNode
 from generators.fake_drive import VEHICLE_TOML, raw_rows, short_drive
 from hubodo.log.recording_reader import open_log
 from in_process import hubodo
+from script_arguments import script_parser
 
 ROOT = Path(__file__).resolve().parents[2]
 ODOMETRY, IMU, TF = (
@@ -131,9 +131,7 @@ def content_differs(topic, kind, row, messages):
 
 
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = script_parser(__doc__)
     parser.add_argument("--seconds", type=float, default=6.0)
     parser.add_argument("--domain", type=int, default=77)
     args = parser.parse_args()

@@ -7,7 +7,6 @@ samples of its time in the recorder (log time of the Imu message) to its receipt
 DDS. The processor time is that of the whole recorder, with --ros2 and without.
 """
 
-import argparse
 import json
 import os
 import resource
@@ -24,6 +23,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from fakes.fake_node import FakeNode
 from generators.fake_drive import VEHICLE_TOML, raw_rows, short_drive
 from hubodo.log.recording_reader import open_log
+from script_arguments import script_parser
 
 ROOT = Path(__file__).resolve().parents[2]
 LIMIT_MS, LIMIT_SHARE = 15.0, 0.10
@@ -75,9 +75,7 @@ def latencies(folder, received):
 
 
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = script_parser(__doc__)
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--domain", type=int, default=76)
     args = parser.parse_args()

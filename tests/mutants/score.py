@@ -33,6 +33,7 @@ from mutants.judge import Judge  # noqa: E402
 from mutants.operators import Mutant, list_mutants  # noqa: E402
 from mutants.project_copy import ProjectCopy  # noqa: E402
 from mutants.reach import nearest_tests  # noqa: E402
+from script_arguments import script_parser  # noqa: E402
 
 OUTPUT_FOLDER = ROOT / "out" / "mutants"
 _COVERAGE_PATH, _VERDICT_PATH = OUTPUT_FOLDER / "executed.jsonl", OUTPUT_FOLDER / "verdicts.jsonl"
@@ -144,11 +145,7 @@ def _report_recording(done: int, total: int) -> None:
 
 
 def _parse_arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--count", type=int, default=125)
+    parser = script_parser(__doc__, seed=1, count=125)
     parser.add_argument("--only", nargs="+", choices=list(CORE), help="only these folders of the core")
     parser.add_argument("--budget", type=float, default=120.0, help="CPU time of tests per mutant, s")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)

@@ -9,7 +9,6 @@ Cramér and Rao for the means of the rests, with bias and matrix of both triads 
 unknown.
 """
 
-import argparse
 import sys
 from pathlib import Path
 
@@ -22,6 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from generators.poses import EARTH, GRAVITY, Errors, carry
 from hubodo.sensors.imu.calibrate import calibrate_imu
 from hubodo.sensors.imu.scalar_calibration import fit_scalar_calibration
+from script_arguments import script_parser
 
 POSES, REST, RATE = 24, 6.0, 100.0
 LATITUDE = np.radians(50.4)
@@ -90,11 +90,7 @@ def rms(values):
 
 
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seeds", type=int, default=30)
-    parser.add_argument("--first", type=int, default=0)
+    parser = script_parser(__doc__, seeds=30, first=0)
     args = parser.parse_args()
     seeds = range(args.first, args.first + args.seeds)
     print(f"Avrutov 2010, six unequal angles, {POSES} poses, seeds {seeds[0]} to {seeds[-1]}, mrad rms")

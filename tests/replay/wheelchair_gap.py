@@ -7,7 +7,6 @@ The model is driven by the gyros of the log only: speed from both wheels, yaw ra
 
 # ruff: noqa: E402 (the tests' own modules lie one folder up)
 
-import argparse
 import sys
 from pathlib import Path
 
@@ -15,13 +14,12 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
 from gap_runs import wheelchair_model
 from hubodo.cli import main as hubodo
+from script_arguments import script_parser
 from wanted import SHARED
 
 
 def main(argv=None):
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = script_parser(__doc__)
     parser.add_argument("-o", dest="out", type=Path, default=Path("out/wheelchair-gap"))
     parser.add_argument("--track-width", type=float, default=0.92, help="m, between the contacts")
     args = parser.parse_args(argv)

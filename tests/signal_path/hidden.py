@@ -6,7 +6,6 @@ Each ride runs the firmware on two virtual boards, in real time: MicroPython, ps
 model that `hubodo gap` gets has no effects; it knows the clocks of nodes and reference to 5 ms.
 """
 
-import argparse
 import json
 import sys
 from contextlib import redirect_stdout
@@ -21,6 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from hubodo.cli import main as hubodo
 from hubodo.log.recording_reader import read_recording
 from hubodo.log.recording_writer import write_recording
+from script_arguments import script_parser
 from vehicles import model_toml
 
 MODEL = model_toml(
@@ -65,9 +65,7 @@ def named(folder):
 
 
 def main(argv=None):
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = script_parser(__doc__)
     parser.add_argument("--seconds", type=float, default=40.0)
     parser.add_argument("--seed", type=int, default=3, help="of the first ride")
     parser.add_argument("--effects", default=",".join(HIDDEN))
