@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
 import wanted  # noqa: E402
 from hubodo.log.csv_folder import read_folder  # noqa: E402
-from hubodo.recording import Recording  # noqa: E402
+from hubodo.recording import Recording, Table  # noqa: E402
 from vehicles import model_toml  # noqa: E402
 
 CAR = model_toml(
@@ -25,5 +26,18 @@ MAX_ERROR_SHARE, MAX_ERROR_SIGMA = 0.25, 3.0
 
 
 def read_drive(name: str) -> Recording:
-    """Return a recording of the car."""
-    return read_folder(wanted.recording("car") / name)
+    """Return a recording of the car, or a half of one: `drive-1/first`, `drive-1/second`."""
+    drive, _, half = name.partition("/")
+    recording = read_folder(wanted.recording("car") / drive)
+    return recording if not half else _take_half(recording, half)
+
+
+def _take_half(recording: Recording, half: str) -> Recording:
+    """Return the samples of the nodes before or after the middle of a recording, with their time stamps."""
+    starts, ends = zip(*((table.t[0], table.t[-1]) for table in recording.nodes.values()), strict=True)
+    middle = 0.5 * (min(starts) + max(ends))
+    nodes = {}
+    for name, table in recording.nodes.items():
+        selected = {"first": table.t < middle, "second": table.t >= middle}[half]
+        nodes[name] = Table({column: table[column][selected] for column in table})
+    return replace(recording, nodes=nodes)

@@ -2,6 +2,7 @@
 
     python tests/gap_real/real.py --two-drives [--pairs drive-1:drive-2] [--effects gyro_bias,...] [--seed 1]
 
+Unchanged are also the twelve ordered pairs of halves of the two drives, unless `--effects` selects effects.
 The model has only the geometry and the noise of the vehicle. A property of a drive, such as a bias, counts as
 named if it is listed among the differences of the drives.
 """
@@ -13,6 +14,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
+from itertools import permutations
 from pathlib import Path
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[1]), str(Path(__file__).resolve().parent)]
@@ -25,6 +27,9 @@ from hubodo.effects import BY_NAME  # noqa: E402
 from hubodo.gap.change.change import Change, ChangeResult, find_change  # noqa: E402
 from hubodo.model.model_file import Model, read_model  # noqa: E402
 
+HALVES = tuple(f"{drive}/{half}" for drive in ("drive-1", "drive-2") for half in ("first", "second"))
+# Pairs of different halves of drives of the same car, in either order.
+UNCHANGED_PAIRS = tuple(permutations(HALVES, 2))
 # Length of the lever arm of the sensors on the rims, m.
 RIM_ARM = (0.13, 0.18)
 
@@ -143,14 +148,14 @@ def compare_pairs(pairs: Sequence[str], effects: Sequence[str], seed: int, outpu
     model = read_model(output / "car.toml")
     is_rim_right = compare_hub_to_rim(model)
     rows = []
+    cases = [(*pair.split(":", 1), case) for pair in pairs for case in list_cases(effects)]
+    cases += [] if effects else [(before, after, ("", "", "")) for before, after in UNCHANGED_PAIRS]
     with (output / "pairs.jsonl").open("w") as file:
-        for pair in pairs:
-            before, after = pair.split(":", 1)
-            for case in list_cases(effects):
-                rows.append(compare(before, after, model, case, seed)[0])
-                file.write(json.dumps(asdict(rows[-1])) + "\n")
-                file.flush()
-                print_row(rows[-1])
+        for before, after, case in cases:
+            rows.append(compare(before, after, model, case, seed)[0])
+            file.write(json.dumps(asdict(rows[-1])) + "\n")
+            file.flush()
+            print_row(rows[-1])
     if rows:
         print_summary(rows)
     return 0 if is_rim_right else 1

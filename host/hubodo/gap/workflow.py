@@ -14,7 +14,6 @@ from hubodo.gap.explain.unexplained import list_unexplained
 from hubodo.gap.judge.held_out import HeldOutSplit, split_held_out
 from hubodo.gap.judge.journal import Journal
 from hubodo.gap.judge.reconsider import RoundsByKey, drop_chance_effects, reconsider_effects
-from hubodo.gap.judge.repeatability import drop_effects_within_repeatability
 from hubodo.gap.judge.round import ReportProgress
 from hubodo.gap.judge.search import SearchObserver, SearchResult, build_initial_state, search_effects
 from hubodo.gap.problem.build import build_problem
@@ -22,9 +21,9 @@ from hubodo.gap.problem.problem import Problem
 from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.process_noise.residual import Residual, compute_gap, compute_gap_floor
 from hubodo.gap.refit.prune import prune_coordinates
-from hubodo.gap.refit.refit import refit
+from hubodo.gap.refit.refit import refit, refit_with_weights
 from hubodo.gap.state.state import State
-from hubodo.gap.state.terms import ModelTerm, model_of_terms
+from hubodo.gap.state.terms import ModelTerm, hold_given, model_of_terms
 from hubodo.model.model_file import Model
 from hubodo.recording import Recording
 
@@ -80,7 +79,12 @@ def find_problem_gap(
         results.append(search_effects(initial_state, accept, reject, observer))
         result, rounds = reconsider_effects(results[-1], accept, reject, observer)
         result, rounds = drop_chance_effects(result, rounds, accept)
-        result, dropped = drop_effects_within_repeatability(result, accept)
+        # What is measured and written has the given effects as they are in the model file.
+        initial_state = initial_state.with_terms(hold_given(initial_state.terms))
+        final_state = result.final.state
+        if any(term.is_nuisance for term in final_state.terms):
+            held = refit_with_weights(final_state.reset_with_terms(hold_given(final_state.terms)))
+            result = replace(result, final=held)
         result = replace(result, final=prune_coordinates(result.final).without_cache())
     except KeyboardInterrupt:
         if journal is None or not results:
@@ -88,12 +92,8 @@ def find_problem_gap(
         return _build_unfinished_result(initial_state, results[-1], report_progress)
     report_progress("measuring on held-out samples", 0.9)
     effects = {term.effect.name for term in result.final.state.terms}
-    dropped_names = [
-        f"{term.label}: left out, as small changes of the model's own effects explain nearly as much"
-        for term in dropped
-    ]
     ineffective = [f"{name}: accepted, but not visible in this log" for name in accept if name not in effects]
-    return _build_result(initial_state, result, rounds, (*problem.warnings, *dropped_names, *ineffective))
+    return _build_result(initial_state, result, rounds, (*problem.warnings, *ineffective))
 
 
 def _hold_share(report_progress: ReportProgress) -> ReportProgress:

@@ -69,8 +69,13 @@ class LogPair:
 
 def free_all_terms(evaluation: Evaluation) -> Evaluation:
     """Return the evaluation with all terms free."""
-    terms = [_freeze_implausible(replace(term, is_fitted=True)) for term in evaluation.state.terms]
+    terms = [_set_fitted(term, is_fitted=True) for term in evaluation.state.terms]
     return evaluation.with_state(evaluation.state.with_terms(terms))
+
+
+def _set_fitted(term: ModelTerm, is_fitted: bool) -> ModelTerm:
+    """Return the term as fitted or fixed: an effect that differs between the logs is no nuisance."""
+    return _freeze_implausible(replace(term, is_fitted=is_fitted, repeatability=0.0))
 
 
 def _freeze_implausible(term: ModelTerm) -> ModelTerm:
@@ -92,7 +97,7 @@ def fit_separate(
 
 def _fit_log(evaluation: Evaluation, separate: Collection[EffectKey], rounds: int) -> Refit:
     state = evaluation.state
-    terms = [_freeze_implausible(replace(term, is_fitted=term.key in separate)) for term in state.terms]
+    terms = [_set_fitted(term, term.key in separate) for term in state.terms]
     return continue_fit(linearise_fit(evaluation.with_state(state.with_terms(terms))), rounds).without_cache()
 
 

@@ -47,12 +47,12 @@ class Baseline:
     """A fit that the hypotheses of a round extend.
 
     fit: without any of the hypotheses
-    model_gain: gain of the effects of that fit, in ln likelihood
+    added_gain: gain of the effects of that fit that the model file lacks, in ln likelihood
     tempering: factor by which correlated residuals exaggerate gains
     """
 
     fit: Refit
-    model_gain: float
+    added_gain: float
     tempering: float
 
 
@@ -168,18 +168,20 @@ def _weigh_objections(
     tempering = baseline.tempering
     held_out_gain = compute_held_out_gain(baseline.fit.fold_deviances, after.fold_deviances)
     state = after.evaluation.without_cache().state
-    count, loss = count_determined(after, term, tempering, baseline.model_gain + gain)
+    count, loss = count_determined(after, term, tempering, baseline.added_gain + gain)
     hypothesis = Hypothesis(
         term, gain, evidence, 0.0, state, None, held_out_gain, n_determined=count, determined_gain=gain - loss
     )
-    if _plausible_share(term, after.information(term)) < _MIN_PLAUSIBLE_SHARE:
-        return hypothesis.with_objection(_describe_implausible(term))
+    if _plausible_share(term, after) < _MIN_PLAUSIBLE_SHARE:
+        return hypothesis.with_objection(_describe_implausible(term, after))
     if not _helps_held_out(gain, held_out_gain, tempering):
         return hypothesis.with_objection("does not help on samples to which it was not fitted")
     is_correlated = tempering > MIN_CORRELATED_TEMPERING
     chance = _MIN_CORRELATED_GAIN * tempering if is_correlated else 0.0
     if not term.effect.name.startswith(PREFIX):
-        max_doubt = max(MODEL_IMPRECISION**2 * baseline.model_gain, chance)
+        # An effect may take over what differences of the given ones explain without it.
+        given_gain = max(baseline.fit.given_gain, after.given_gain)
+        max_doubt = max(MODEL_IMPRECISION**2 * baseline.added_gain, given_gain, chance)
         hypothesis = replace(hypothesis, held_out_gain=replace(held_out_gain, max_doubt=max_doubt))
     if not hypothesis.is_within_level:
         return hypothesis
@@ -189,14 +191,12 @@ def _weigh_objections(
     return hypothesis.with_objection(_DOUBTFUL_CORRELATION) if is_chance else hypothesis
 
 
-def _plausible_share(term: ModelTerm, information: Array) -> float:
-    """Return the share of an effect's gain that its plausible coordinates have alone.
-
-    information: (k, k) about its coordinates, everything else fitted
-    """
-    implausible = implausible_parameters(term.effect)
+def _plausible_share(term: ModelTerm, after: Refit) -> float:
+    """Return the share of an effect's gain that its plausible coordinates have alone."""
+    implausible = _list_implausible(term, after)
     if not implausible:
         return 1.0
+    information = after.information(term)
     value = term.effect.coordinates() / term.effect.coordinate_scales()
     names = term.effect.fitted_parameters()
     if len(names) != len(value) or len(value) == len(implausible):
@@ -211,8 +211,18 @@ def _plausible_share(term: ModelTerm, information: Array) -> float:
     return float(own / max(value @ slope, 1e-12))
 
 
-def _describe_implausible(term: ModelTerm) -> str:
-    name, bound = next(iter(implausible_parameters(term.effect).items()))
+def _list_implausible(term: ModelTerm, after: Refit) -> dict[str, float]:
+    """Return the parameters at their plausible limit, a single one within 1 sigma of it, with the limit."""
+    effect, variance = term.effect, np.diag(after.robust_covariance)[after.coordinate_slice(term)]
+    coordinates = effect.coordinates()
+    if len(coordinates) > 1:
+        return implausible_parameters(effect)
+    margin = np.copysign(np.sqrt(np.maximum(variance, 0.0)) * effect.coordinate_scales(), coordinates)
+    return implausible_parameters(effect.with_coordinates(coordinates + margin))
+
+
+def _describe_implausible(term: ModelTerm, after: Refit) -> str:
+    name, bound = next(iter(_list_implausible(term, after).items()))
     value, unit = term.effect.values()[name], term.effect.unit(name)
     limit = f"{name} = {value:.2g} {unit} at its limit of ±{bound:.2g}"
     return f"not physical: {limit}; another cause looks like this"

@@ -168,7 +168,7 @@ def _state_to_json(state: State) -> dict[str, Any]:
 
 
 def _term_to_json(term: ModelTerm) -> list[Any]:
-    return [term.effect.name, term.effect.values(), term.scope, term.is_fitted]
+    return [term.effect.name, term.effect.values(), term.scope, term.is_fitted, term.repeatability]
 
 
 def _round_from_json(entry: Mapping[str, Any], point: Evaluation) -> Round:
@@ -214,9 +214,9 @@ def _state_from_json(entry: Mapping[str, Any], point: Evaluation) -> State:
 
 
 def _term_from_json(entry: Sequence[Any]) -> ModelTerm:
-    name, values, scope, fitted = entry
+    name, values, scope, fitted, repeatability = entry
     effect_class = empirical_class(name) if name.startswith(PREFIX) else BY_NAME[name]
-    return ModelTerm(effect_class(**values), scope, fitted)
+    return ModelTerm(effect_class(**values), scope, fitted, repeatability=repeatability)
 
 
 def _array_to_text(values: Array) -> str:

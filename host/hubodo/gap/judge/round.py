@@ -22,8 +22,8 @@ from hubodo.gap.process_noise.tracking import track_wheel_phase
 from hubodo.gap.process_noise.weights import Weights, declared_wheel_walk
 from hubodo.gap.refit.refit import (
     Refit,
+    compute_added_gain,
     compute_gain,
-    compute_model_gain,
     continue_fit,
     fit_tracked,
     linearise_fit,
@@ -130,7 +130,7 @@ def judge_round(
     report_progress("every effect in every scope", 0.0)
     before = refit(evaluation.without_cache(), rounds=1)
     strictly_screened = _screen_strictly(before, reject)
-    screening = screen_candidates(before.evaluation)
+    screening = screen_candidates(before.evaluation, before.nuisance_information)
     screened = [item for item in screening.candidates if item.candidate.name not in reject]
     selected = _select_for_refit(screened, always_refit, strictly_screened)
     states = [before.state.with_term(item.candidate.term) for item in selected]
@@ -156,7 +156,7 @@ def judge_round(
     all_refits = [*refits, *walk_refits.values(), *unnamed_refits]
     # The block scores of the best fit show by how much correlation inflates the gains.
     tempering = min(all_refits, key=lambda item: item.deviance).tempering if all_refits else 1.0
-    baseline = Baseline(before, compute_model_gain(before), tempering)
+    baseline = Baseline(before, compute_added_gain(before), tempering)
     hypotheses = [judge_effect(baseline, item, fit) for item, fit in zip(selected, refits, strict=True)]
     hypotheses += [
         judge_proposal(before, item, walk_refits.get(item.term.key), tempering) for item in proposals
@@ -334,7 +334,8 @@ def _screen_strictly(before: Refit, reject: Collection[str]) -> list[ScreenedCan
     if all(weights.wheel_walks[name] <= _LOST_WHEEL_RATIO * walk for name, walk in declared_walks.items()):
         return []
     screened = screen_candidates(
-        replace(before.evaluation, weights=replace(weights, wheel_walks=declared_walks))
+        replace(before.evaluation, weights=replace(weights, wheel_walks=declared_walks)),
+        before.nuisance_information,
     ).candidates
     return _shortlist([item for item in screened if item.candidate.name not in reject], _MAX_STRICT_REFITS)
 

@@ -15,6 +15,9 @@ from hubodo.gap.state.terms import ModelTerm
 # 1 sigma of the prior in usual sizes of a coordinate. It decides only where the log does not: a coordinate
 # that the log determines to a tenth of its usual size moves by 0.1 % of its value.
 _PRIOR_SCALES = 3.0
+# Tempering above which residuals are so correlated that a small difference of a given effect looks like
+# another effect; below it the difference itself is visible, and is one.
+_MIN_GIVEN_TEMPERING = 2.0
 # Information about a frozen coordinate, more than any log has.
 _FROZEN_INFORMATION = 1e15
 
@@ -34,6 +37,11 @@ class CoordinatePrior:
     tempering: float
 
     @property
+    def is_free(self) -> NDArray[np.bool_]:
+        """Return False for each frozen coordinate, (K,)."""
+        return self.information < _FROZEN_INFORMATION
+
+    @property
     def gradient(self) -> Array:
         """Return half of the slope of the penalty at the current coordinates, (K,)."""
         return self.information * self.value
@@ -51,8 +59,8 @@ class CoordinatePrior:
 def build_prior(terms: Sequence[ModelTerm], size: int, tempering: float) -> CoordinatePrior:
     """Return the prior of the coordinates of terms, followed by free nuisances, `size` in total.
 
-    Coordinates with several initial guesses, such as a time constant, and those of a limit have none. The
-    prior of a term with a repeatability is about its current value.
+    Coordinates with several initial guesses, such as a time constant, and those of a limit have none. That of
+    a nuisance is about its value in the model file.
     """
     information, value = np.zeros(size), np.zeros(size)
     first = 0
@@ -61,8 +69,9 @@ def build_prior(terms: Sequence[ModelTerm], size: int, tempering: float) -> Coor
         inside = slice(first, first + len(scales))
         information[inside] = _has_prior(type(term.effect)) * tempering / _PRIOR_SCALES**2
         value[inside] = term.effect.coordinates() / scales
-        if term.repeatability:
-            information[inside] = tempering / term.repeatability**2
+        if term.is_nuisance:
+            is_correlated = tempering > _MIN_GIVEN_TEMPERING
+            information[inside] = tempering / term.repeatability**2 if is_correlated else _FROZEN_INFORMATION
             value[inside] = 0.0
         frozen = [first + k for k in term.frozen]
         information[frozen], value[frozen] = _FROZEN_INFORMATION, 0.0

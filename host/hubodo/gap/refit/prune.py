@@ -70,7 +70,7 @@ def _max_losses(fit: Refit, tempering: float, model_gain: float, level_shares: A
     level_shares: (K,) shares of the coordinates in the doubt about the level of the noise
     """
     level = 0.5 * _MAX_LOSS_LEVEL_SIGMAS * fit.fold_deviances.level_scatter * level_shares
-    doubt = max(MODEL_IMPRECISION**2 * model_gain, _MAX_CHANCE_LOSS * tempering)
+    doubt = max(MODEL_IMPRECISION**2 * model_gain, fit.given_gain, _MAX_CHANCE_LOSS * tempering)
     return np.asarray((1.0 - 1.0 / tempering) * np.minimum(level, doubt))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,6 +38,8 @@ _CHANCE_SCATTER_P_VALUE = 0.16
 _MIN_ITERATIONS = 2
 # Iterations for weights and fit to become consistent.
 _MAX_WEIGHT_UPDATES = 5
+# Largest difference of a given effect from the model file that counts as repeatability, in its sigmas.
+_MAX_DIFFERENCE_SIGMA = 2.0
 
 
 @dataclass(frozen=True)
@@ -49,12 +52,13 @@ class Refit:
     robust_covariance: (K, K), from the scatter of the block scores
     deviance: -2 ln likelihood, up to a constant common to all refits with the same weights
     block_scores: (B, K), score of each block
-    full_covariance: covariance of coordinates and nuisances
+    full_covariance: covariance of coordinates and nuisances: given effects, then attitudes of bodies
     gram: gram matrix of coordinates, nuisances and, in the last row, the residual
     fold_deviances: deviances of folds of time, for held-out gains
     prior: Gaussian prior of the coordinates, from their usual sizes
     channel_shares: (K, C) squares of each coordinate's column in each channel, relative to its largest; None
         in a fit to two logs
+    given_gain: gain of ln likelihood by differences of the given effects within their repeatability
     """
 
     evaluation: Evaluation
@@ -68,6 +72,7 @@ class Refit:
     fold_deviances: FoldDeviances
     prior: CoordinatePrior
     channel_shares: Array | None = None
+    given_gain: float = 0.0
 
     @property
     def state(self) -> State:
@@ -83,19 +88,30 @@ class Refit:
         """Return the deviance with the penalty of the prior, which a fit minimises."""
         return self.deviance + self.prior.penalty(self.step)
 
+    @property
+    def given_indices(self) -> slice:
+        """Return the positions of the coordinates of given effects, which a fit leaves at their values."""
+        n_attitudes = 3 * sum(not node.on_wheel for node in self.state.problem.nodes)
+        return slice(len(self.covariance), len(self.full_covariance) - n_attitudes)
+
+    @property
+    def nuisance_information(self) -> Array:
+        """Return the prior information about given effects, (K + nuisances,), infinite if frozen.
+
+        It is zero for all others.
+        """
+        information = np.zeros(len(self.full_covariance))
+        given = self.given_indices
+        information[given] = np.where(self.prior.is_free, self.prior.information, np.inf)[given]
+        return information
+
     def without_cache(self) -> Refit:
         """Return a copy without cached results; see `Evaluation.without_cache`."""
         return replace(self, evaluation=self.evaluation.without_cache())
 
     def coordinate_slice(self, term: ModelTerm) -> slice:
         """Return the positions of the coordinates of a free term. Raises KeyError for another term."""
-        first = 0
-        for other in self.free_terms:
-            size = len(other.effect.coordinates())
-            if other.key == term.key:
-                return slice(first, first + size)
-            first += size
-        raise KeyError(term.key)
+        return coordinate_slice(self.free_terms, term)
 
     def information(self, term: ModelTerm) -> Array:
         """Return the information about a free term's coordinates, (k, k), with everything else fitted.
@@ -104,9 +120,11 @@ class Refit:
         """
         indices = np.arange(len(self.full_covariance))[self.coordinate_slice(term)]
         others = np.setdiff1d(np.arange(len(self.full_covariance)), indices)
-        others = others[np.diag(self.full_covariance)[others] > 0.0]
+        prior_information = self.nuisance_information
+        is_fitted = (np.diag(self.full_covariance) > 0.0) & np.isfinite(prior_information)
+        others = others[is_fitted[others]]
         cross = self.gram[np.ix_(indices, others)]
-        rest_information = self.gram[np.ix_(others, others)]
+        rest_information = self.gram[np.ix_(others, others)] + np.diag(prior_information[others])
         information = (
             self.gram[np.ix_(indices, indices)]
             - cross @ np.linalg.pinv(rest_information, hermitian=True) @ cross.T
@@ -118,9 +136,23 @@ class Refit:
     def tempering(self) -> float:
         """Return the ratio of the scatter of the block scores to that of independent samples, at least 1.
 
-        Few blocks scatter by chance; the excess that one in six such logs would show is deducted.
+        Few blocks scatter by chance; the excess that one in six such logs would show is deducted. Scores of
+        given effects count as well: there are more of them than of one effect.
         """
-        return _compute_tempering(self.block_scores, self.covariance)
+        tempering = _compute_tempering(self.block_scores, self.covariance)
+        given = self.given_indices
+        return max(tempering, self.prior.tempering) if given.stop > given.start else tempering
+
+
+def coordinate_slice(terms: Sequence[ModelTerm], term: ModelTerm) -> slice:
+    """Return the positions of the coordinates of one of some terms. Raises KeyError for another term."""
+    first = 0
+    for other in terms:
+        size = len(other.effect.coordinates())
+        if other.key == term.key:
+            return slice(first, first + size)
+        first += size
+    raise KeyError(term.key)
 
 
 def _compute_tempering(block_scores: Array, covariance: Array) -> float:
@@ -139,10 +171,17 @@ def compute_gain(before: Refit, after: Refit) -> float:
 
 def compute_model_gain(fit: Refit) -> float:
     """Return the gain of ln likelihood of all effects of a fit, with the same weights."""
-    if not fit.state.terms:
-        return 0.0
-    without = fit.evaluation.with_state(fit.state.reset_with_terms(()))
-    return compute_gain(refit(without, rounds=0), fit)
+    return _compute_gain_over(fit, fit.state.reset_with_terms(())) if fit.state.terms else 0.0
+
+
+def compute_added_gain(fit: Refit) -> float:
+    """Return the gain of ln likelihood of all effects that the model file lacks, with the same weights."""
+    added = [term.key for term in fit.state.terms if term.is_fitted]
+    return _compute_gain_over(fit, fit.state.without_terms(added)) if added else 0.0
+
+
+def _compute_gain_over(fit: Refit, state: State) -> float:
+    return compute_gain(refit(fit.evaluation.with_state(state), rounds=0), fit)
 
 
 def refit(evaluation: Evaluation, rounds: int = _MAX_ITERATIONS) -> Refit:
@@ -168,7 +207,7 @@ def continue_fit(start: Refit, rounds: int = _MAX_ITERATIONS, max_deviance: floa
         # The deviance already includes the step; if it grows, the step left the linear range.
         for fraction in _STEP_FRACTIONS if rounds > 1 else _STEP_FRACTIONS[:1]:
             state, _walks = track_wheel_phase(_apply_step(start, fraction * start.step))
-            attempt = linearise_fit(start.evaluation.with_state(state), tempering=start.prior.tempering)
+            attempt = linearise_fit(start.evaluation.with_state(state), previous=start)
             if attempt.objective < start.objective + tolerance + _MIN_PROMISED_SHARE * step_size**2:
                 break
         else:
@@ -182,9 +221,11 @@ def continue_fit(start: Refit, rounds: int = _MAX_ITERATIONS, max_deviance: floa
 
 
 def _step_sigmas(fit: Refit) -> float:
-    """Return the length of the remaining step in sigma."""
-    step = fit.step
-    return float(np.sqrt(step @ np.linalg.pinv(fit.full_covariance) @ step)) if len(step) else 0.0
+    """Return the length of the remaining step in sigma, of what a fit moves."""
+    is_fitted = np.ones(len(fit.full_covariance), bool)
+    is_fitted[fit.given_indices] = False
+    step, covariance = fit.step[is_fitted], fit.full_covariance[np.ix_(is_fitted, is_fitted)]
+    return float(np.sqrt(step @ np.linalg.pinv(covariance) @ step)) if len(step) else 0.0
 
 
 def refit_with_weights(state: State) -> Refit:
@@ -203,15 +244,19 @@ def refit_with_weights(state: State) -> Refit:
 
 
 def linearise_fit(
-    evaluation: Evaluation, linearisation: Linearisation | None = None, tempering: float | None = None
+    evaluation: Evaluation, linearisation: Linearisation | None = None, previous: Refit | None = None
 ) -> Refit:
     """Linearise a fit at one evaluation, before any step.
 
     linearisation: linearisation along at least the terms of the fit, if already computed
-    tempering: tempering of the prior; None to use that of this fit
+    previous: fit of the same terms whose prior is used; None to determine it from this fit
+
+    Given effects are nuisances: the linear model lets them differ from the model file by their repeatability,
+    as far as residuals are correlated, but the fit leaves them at their values.
     """
     free_terms = [term for term in evaluation.state.terms if term.is_refittable]
-    directions, basis = directions_of_terms(evaluation.problem, free_terms, evaluation.state.terms)
+    terms = [*free_terms, *(term for term in evaluation.state.terms if term.is_nuisance)]
+    directions, basis = directions_of_terms(evaluation.problem, terms, evaluation.state.terms)
     linearised = (
         linearise(evaluation, directions)
         if linearisation is None
@@ -225,34 +270,68 @@ def linearise_fit(
     transform[-n_tail:, -n_tail:] = np.eye(n_tail)
     blocks = np.einsum("dk,bde,ef->bkf", transform, linearised.block_grams.unpack(), transform, optimize=True)
     gram, raw_squares = blocks.sum(axis=0), (transform.T**2 @ linearised.raw_squares)[:-1]
-    covariance, k = invert_information(gram[:-1, :-1], raw_squares), basis.shape[1]
-    score = blocks[:, :-1, -1] - blocks[:, :-1, :-1] @ (covariance @ gram[:-1, -1])
-    if tempering is None:
-        tempering = _compute_tempering(score[:, :k], covariance[:k, :k])
-    prior = build_prior(free_terms, len(gram) - 1, tempering)
+    k = sum(len(term.effect.coordinates()) for term in free_terms)
+    if previous is None:
+        prior = _determine_prior(terms, blocks, raw_squares, basis.shape[1])
+    else:
+        prior = build_prior(terms, len(gram) - 1, previous.prior.tempering).freeze(~previous.prior.is_free)
     covariance = invert_information(gram[:-1, :-1], raw_squares, prior.information)
     step = covariance @ (gram[:-1, -1] - prior.gradient)
     score = blocks[:, :-1, -1] - blocks[:, :-1, :-1] @ step
     robust_covariance = covariance @ (score.T @ score) @ covariance
-    deviance = (
-        float(gram[-1, -1] - 2.0 * step @ gram[:-1, -1] + step @ gram[:-1, :-1] @ step)
-        + linearised.log_determinant
+    deviance = _compute_deviance(gram, step)
+    is_given = (np.arange(len(step)) >= k) & (np.arange(len(step)) < basis.shape[1])
+    as_given = prior.freeze(is_given)
+    step_as_given = invert_information(gram[:-1, :-1], raw_squares, as_given.information) @ (
+        gram[:-1, -1] - as_given.gradient
     )
-    channel_squares = basis.T**2 @ linearised.channel_squares[: len(directions)]
+    channel_squares = basis.T[:k] ** 2 @ linearised.channel_squares[: len(directions)]
     largest = np.maximum(channel_squares.max(axis=1, keepdims=True, initial=0.0), 1e-12)
     return Refit(
         evaluation,
         tuple(free_terms),
         covariance[:k, :k],
         robust_covariance[:k, :k],
-        deviance,
+        deviance + linearised.log_determinant,
         score[:, :k],
         covariance,
         gram,
         cross_validate(blocks, raw_squares, prior, evaluation.samples_per_block().sum(axis=1)),
         prior,
         channel_squares / largest,
+        0.5 * (_compute_deviance(gram, step_as_given) - deviance) if is_given.any() else 0.0,
     )
+
+
+def _compute_deviance(gram: Array, step: Array) -> float:
+    return float(gram[-1, -1] - 2.0 * step @ gram[:-1, -1] + step @ gram[:-1, :-1] @ step)
+
+
+def _determine_prior(
+    terms: Sequence[ModelTerm], blocks: Array, raw_squares: Array, count: int
+) -> CoordinatePrior:
+    """Return the prior of the coordinates of free terms and given effects, `count` in total, and attitudes.
+
+    A given effect that would differ by more than its repeatability is held at its value: something else is
+    missing.
+    """
+    gram = blocks.sum(axis=0)
+    covariance = invert_information(gram[:-1, :-1], raw_squares)
+    score = blocks[:, :-1, -1] - blocks[:, :-1, :-1] @ (covariance @ gram[:-1, -1])
+    tempering = _compute_tempering(score[:, :count], covariance[:count, :count])
+    prior = build_prior(terms, len(gram) - 1, tempering)
+    given = [term for term in terms if term.is_nuisance]
+    while given:
+        covariance = invert_information(gram[:-1, :-1], raw_squares, prior.information)
+        step = np.abs(covariance @ (gram[:-1, -1] - prior.gradient))
+        excess = [step[coordinate_slice(terms, term)].max(initial=0.0) / term.repeatability for term in given]
+        if max(excess) <= _MAX_DIFFERENCE_SIGMA:
+            break
+        held = given.pop(int(np.argmax(excess)))
+        selected = np.zeros(len(step), bool)
+        selected[coordinate_slice(terms, held)] = True
+        prior = prior.freeze(selected)
+    return prior
 
 
 def _apply_step(fit: Refit, step: Array) -> State:
@@ -265,7 +344,7 @@ def _apply_step(fit: Refit, step: Array) -> State:
     terms = tuple(next(refitted) if term.is_refittable else term for term in fit.state.terms)
     starts = dict(fit.state.starts)
     bodies = [node for node in fit.state.problem.nodes if not node.on_wheel]
-    for node, rotation in zip(bodies, step[count:].reshape(-1, 3), strict=True):
+    for node, rotation in zip(bodies, step[fit.given_indices.stop :].reshape(-1, 3), strict=True):
         attitude = np.array(fit.state.start_of(node).attitude) + np.clip(rotation, -4.0, 4.0) * ATTITUDE_SCALE
         starts[node.name] = NodeInitialState(
             attitude=(float(attitude[0]), float(attitude[1]), float(attitude[2]))

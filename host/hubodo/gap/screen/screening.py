@@ -46,19 +46,28 @@ class Screening:
     linearisation: Linearisation
 
 
-def screen_candidates(evaluation: Evaluation) -> Screening:
-    """Screen every candidate in addition to the terms of the current model."""
-    free_terms = [term for term in evaluation.state.terms if term.is_refittable]
+def screen_candidates(evaluation: Evaluation, prior_information: Array | None = None) -> Screening:
+    """Screen every candidate in addition to the terms of the current model.
+
+    prior_information: about the coordinates of the fit of that model, followed by its nuisances; infinite
+        for a given effect that is frozen. None if no effect is given
+    """
+    terms = evaluation.state.terms
+    free_terms = [term for term in terms if term.is_refittable]
+    nuisances = [term for term in terms if term.is_nuisance and prior_information is not None]
     directions = list_directions(evaluation.state)
-    term_directions, basis = directions_of_terms(evaluation.problem, free_terms, evaluation.state.terms)
+    term_directions, basis = directions_of_terms(evaluation.problem, [*free_terms, *nuisances], terms)
     linearisation = linearise(evaluation, [*directions, *term_directions])
     gram = linearisation.gram
     fitted_basis = np.zeros((len(gram), basis.shape[1] + linearisation.n_nuisances))
     fitted_basis[len(directions) : len(directions) + len(term_directions), : basis.shape[1]] = basis
     fitted_basis[linearisation.nuisance_indices, range(basis.shape[1], fitted_basis.shape[1])] = 1.0
-    projection = _project_out(gram, fitted_basis)
+    information = np.zeros(fitted_basis.shape[1]) if prior_information is None else prior_information
+    is_free = np.isfinite(information)
+    coefficients = _regress(gram, fitted_basis[:, is_free], information[is_free])
+    projection = np.eye(len(gram)) - fitted_basis[:, is_free] @ coefficients
     scores = linearisation.block_grams.multiply(projection[:, -1]) @ projection
-    gram = projection.T @ gram @ projection
+    gram = projection.T @ gram @ projection + coefficients.T @ (information[is_free, None] * coefficients)
     fitted_keys = {term.key for term in free_terms}
     screened, tests = [], []
     for candidate in list_candidates(evaluation.problem, directions):
@@ -71,13 +80,13 @@ def screen_candidates(evaluation: Evaluation) -> Screening:
     return Screening(screened, draw_null_distribution(scores, tests), linearisation)
 
 
-def _project_out(gram: Array, fitted_basis: Array) -> Array:
-    """Return a projection, (D, D), of each column orthogonal to the fitted columns, (D, f)."""
+def _regress(gram: Array, fitted_basis: Array, prior_information: Array) -> Array:
+    """Return the coefficients, (f, D), of each column's regression on the fitted columns, (D, f)."""
     rows = fitted_basis.T @ gram
-    values, vectors = np.linalg.eigh(rows @ fitted_basis)
+    values, vectors = np.linalg.eigh(rows @ fitted_basis + np.diag(prior_information))
     is_observed = values > 1e-6
     whitened = vectors[:, is_observed] / np.sqrt(values[is_observed])
-    return np.asarray(np.eye(len(gram)) - fitted_basis @ whitened @ (whitened.T @ rows))
+    return np.asarray(whitened @ (whitened.T @ rows))
 
 
 def _score_candidate(

@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from hubodo.effects import BY_NAME
-from hubodo.gap.judge.hypothesis import DOUBTFUL_LEVEL, doubtful_gain, is_within_level
+from hubodo.gap.judge.hypothesis import doubtful_gain, is_within_level
 from hubodo.gap.judge.round import judge_round
 from hubodo.gap.judge.search import build_initial_state
 from hubodo.gap.problem.build import build_problem
@@ -66,10 +66,12 @@ def test_uneven_noise_is_no_doubt_of_the_first_effect(rough_drive, clean_log):
     assert not hypothesis.objection
 
 
-def test_uneven_noise_puts_a_large_effect_of_an_imprecise_model_in_doubt(rough_drive, clean_log, tmp_path):
+def test_uneven_noise_puts_no_effect_in_doubt_beside_a_large_given_one_that_holds(
+    rough_drive, clean_log, tmp_path
+):
     path = tmp_path / "model.toml"
     given = f"\n[nodes.left.effects.node_misalignment]\ny = {TURN}\n"
     path.write_text((clean_log / "model.toml").read_text("utf-8") + given, "utf-8")
     hypothesis = judge_scale(turn_left_node(rough_drive), read_model(path))
     assert is_within_uneven_noise(hypothesis)
-    assert hypothesis.objection == DOUBTFUL_LEVEL
+    assert not hypothesis.objection

@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from gap_matrix.make_case import write_case
 from hubodo.effects import BY_NAME
@@ -11,15 +12,18 @@ from hubodo.gap.problem.build import build_problem
 from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.process_noise.tracking import estimate_weights, track_wheel_phase
 from hubodo.gap.refit import refit
+from hubodo.gap.refit.prior import build_prior
 from hubodo.gap.refit.refit import Refit, fit_tracked, refit_with_weights
-from hubodo.gap.state.terms import ModelTerm
+from hubodo.gap.state.terms import REPEATABILITY, ModelTerm
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
 
 
 def compute_tempering(score):
     """Return the tempering factor of a fit of one coordinate with unit information in total."""
-    return Refit.tempering.fget(SimpleNamespace(covariance=np.eye(1), block_scores=score))
+    return Refit.tempering.fget(
+        SimpleNamespace(covariance=np.eye(1), block_scores=score, given_indices=slice(1, 1))
+    )
 
 
 def test_correlated_blocks_reduce_a_gain_and_independent_ones_hardly_do():
@@ -65,3 +69,26 @@ def test_the_true_effect_reduces_the_phase_walk_and_the_fit_is_repeated_with_the
     sigma_ratio = np.sqrt(final_fit.covariance[0, 0] / first_fit.covariance[0, 0])
     assert sigma_ratio < 0.5, "a smaller phase walk reduces the uncertainty"
     assert abs(growth_estimate / hidden.parameters["k"] - 1.0) < 0.05
+
+
+@pytest.mark.parametrize(("tempering", "is_free"), [(1.5, False), (4.0, True)])
+def test_given_effects_are_free_within_their_repeatability_where_residuals_are_correlated(tempering, is_free):
+    given = ModelTerm(BY_NAME["lever_arm"](x=0.01), "left", is_fitted=False, repeatability=REPEATABILITY)
+    added = ModelTerm(BY_NAME["wheel_camber"](), "left")
+    prior = build_prior([added, given], 4, tempering)
+    assert prior.is_free.tolist() == [True, *[is_free] * 3]
+    assert not prior.value.any()
+    if is_free:
+        np.testing.assert_allclose(prior.information[1:], tempering / REPEATABILITY**2)
+
+
+def test_in_white_noise_a_wrong_value_of_a_given_effect_is_no_nuisance(evaluation):
+    """A lever arm that is 0.5 mm wrong, 0.05 usual sizes, stays a visible effect of its own."""
+    arm = BY_NAME["lever_arm"](x=5e-4)
+    given = ModelTerm(arm, "left", is_fitted=False, repeatability=REPEATABILITY)
+    as_given = refit.refit(evaluation.with_state(evaluation.state.with_term(given)), rounds=0)
+    fitted = refit.refit(evaluation.with_state(evaluation.state.with_term(ModelTerm(arm, "left"))))
+    gain = refit.compute_gain(as_given, fitted)
+    print(f"gain of the fitted arm {gain:.0f}, of the given one {as_given.given_gain:.3f}")
+    assert gain > 20.0
+    assert abs(as_given.given_gain) < 1e-3 * gain
