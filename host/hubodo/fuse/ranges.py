@@ -129,7 +129,7 @@ def _declared_range(given: float | None, text: str, unit: float) -> SensorRange 
 def _check_against_samples(kind: str, magnitudes: Array, declared: SensorRange) -> tuple[SensorRange, str]:
     """Return the range at which magnitudes (N, 3) of samples clip, else the declared one, and a warning."""
     unit = "rad/s" if kind == "gyro" else "m/s²"
-    largest = max(magnitudes[np.isfinite(magnitudes)].tolist(), default=0.0)
+    largest = _largest_finite(magnitudes)
     clipping_level = _find_clipping_level(magnitudes, kind)
     declared_text = f"{declared.value:.4g} {unit} ({declared.source})"
     if (
@@ -153,7 +153,7 @@ def _find_clipping_level(magnitudes: Array, kind: str) -> float | None:
     """
     clipping_levels = []
     for channel in magnitudes.T:
-        maximum = max(channel[np.isfinite(channel)].tolist(), default=0.0)
+        maximum = _largest_finite(channel)
         if maximum < _MIN_RANGES[kind]:
             continue
         at_maximum = channel >= maximum * (1.0 - 1e-4)
@@ -165,3 +165,8 @@ def _find_clipping_level(magnitudes: Array, kind: str) -> float | None:
         if is_pile and repeats < _MAX_REPEAT_FRACTION:
             clipping_levels.append(maximum)
     return min(clipping_levels) if clipping_levels else None
+
+
+def _largest_finite(magnitudes: Array) -> float:
+    """Return the largest finite magnitude; 0 if there is none."""
+    return float(np.max(magnitudes, initial=0.0, where=np.isfinite(magnitudes)))

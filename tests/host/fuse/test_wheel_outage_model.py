@@ -203,7 +203,8 @@ def test_heading_error_inflation_covers_the_shortened_displacement(sigma):
     inflation = HeadingErrorInflation()
     for fraction in (0.25, 0.5, 1.0):
         inflation.advance(3.0 * fraction, 4.0 * fraction, sigma**2)
-    assert inflation.covariance == pytest.approx(mean_square * np.outer([3.0, 4.0], [3.0, 4.0]), rel=0.02)
+    displacement = [3.0, 4.0, 0.0, 0.0, 0.0]
+    assert inflation.covariance == pytest.approx(mean_square * np.outer(displacement, displacement), rel=0.02)
 
 
 @pytest.mark.parametrize(("seconds", "min_sigma", "max_sigma"), [(3.0, 1.0, 5.0), (20.0, 10.0, 40.0)])

@@ -36,7 +36,7 @@ class LinearChain:
         for _ in range(STEPS):
             root = 0.3 * rng.standard_normal((SIZE, SIZE))
             self.noise.append(root @ root.T)
-        self.inflation = [np.diag(rng.uniform(0.1, 0.2, 2)) for _ in range(STEPS)]
+        self.inflation = [np.diag([*rng.uniform(0.1, 0.2, 2), 0.0, 0.0, 0.0]) for _ in range(STEPS)]
 
     def transition_to(self, step: int) -> np.ndarray:
         """Return the derivative of the states before a step's measurement by those after the previous one."""
@@ -102,7 +102,7 @@ class LinearChain:
         block = slice(SIZE * step, SIZE * (step + 1))
         rows = self.f[step][POSE_COLUMNS]
         pose_covariance = rows @ covariance[block, block] @ rows.T
-        pose_covariance[:2, :2] += self.inflation[step]
+        pose_covariance += self.inflation[step]
         return rows @ mean[block], pose_covariance
 
 

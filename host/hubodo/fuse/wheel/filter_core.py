@@ -82,6 +82,7 @@ class FilterCore(OutageProcessor):
         self._scale_origin = (0.0, 0.0)
         self.pose_columns = [self._at[entry] for entry in POSE_ENTRIES]
         self._pick_pose = itemgetter(*self.pose_columns)
+        self._pose_rows = np.array(self.pose_columns)
         self._pose_elements = np.array(
             [[row * len(self.x) + column for column in self.pose_columns] for row in self.pose_columns]
         )
@@ -181,14 +182,14 @@ class FilterCore(OutageProcessor):
         """Return the pose at the end of window `number`, after recording the terms of its step."""
         inflation = self._heading_inflation.covariance
         if self.changes is not None:
-            self.newest_terms = SmoothingTerms(self.changes, self.p[self.pose_columns], inflation)
+            self.newest_terms = SmoothingTerms(self.changes, self.p.take(self._pose_rows, axis=0), inflation)
             self.changes = []
         end = (number + 1) * WINDOW_S
         covariance = self.p.take(self._pose_elements)
         x, y, heading, speed, yaw_rate = self._pick_pose(self.x)
         if not self.inertial_speed:
             self.max_speed = max(self.max_speed, abs(speed))
-        covariance[:2, :2] += inflation
+        covariance += inflation
         if self.common_scale_sigma:
             origin_x, origin_y = self._scale_origin
             covariance += common_scale_covariance(self.common_scale_sigma, x - origin_x, y - origin_y, speed)

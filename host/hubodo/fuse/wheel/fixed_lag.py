@@ -48,8 +48,7 @@ class FixedLagSmoother:
         self._poses.append(pose)
         self._rows = np.concatenate([self._rows.reshape(-1, *rows.shape), rows[None]])
         self._means = np.concatenate([self._means, np.array(pose[1:6])[None]])
-        covariance = rows[:, self._pose_columns]
-        covariance[:2, :2] += terms.heading_inflation
+        covariance = rows[:, self._pose_columns] + terms.heading_inflation
         self._covariances = np.concatenate([self._covariances, covariance[None]])
         return self._pop_oldest() if len(self._poses) > self._lag else None
 

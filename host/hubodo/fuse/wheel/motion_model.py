@@ -33,7 +33,7 @@ from hubodo.fuse.wheel.entries import (
     X,
     Y,
 )
-from hubodo.fuse.wheel.records import StateTransition, WheelWindows
+from hubodo.fuse.wheel.records import POSE_ENTRIES, StateTransition, WheelWindows
 from hubodo.fuse.wheel.state_vector import InitialState
 from hubodo.fuse.wheel.wheel import Wheel
 from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, Window
@@ -68,7 +68,7 @@ class MotionModel:
         self._variable_elements = _variable_elements(layout, vehicle_rows)
         self._nonzero = np.union1d(self._variable_elements, np.flatnonzero(self._rows))
         # `struct` copies a list of floats into an array in half the time of numpy.
-        self._packing = f"{len(self._variable_elements)}d"
+        self._pack = struct.Struct(f"{len(self._variable_elements)}d").pack_into
         self._values = np.empty(len(self._variable_elements))
         self._columns = layout.vehicle
         # The process noise of x and y depends on the distance; it is set for each window.
@@ -103,7 +103,7 @@ class MotionModel:
         for wheel, window in windows:
             values += _turn_wheel(x, wheel, window, yaw_rate)
         rows, count = self._rows, self._count
-        struct.pack_into(self._packing, self._values.data, 0, *values)
+        self._pack(self._values.data, 0, *values)
         rows.ravel()[self._variable_elements] = self._values
         new_rows = rows.dot(p)
         p[:count] = new_rows
@@ -190,5 +190,8 @@ class HeadingErrorInflation:
 
     @property
     def covariance(self) -> Array:
-        """Return the second-order covariance of x and y, (2, 2) m²."""
-        return np.array([[self.x * self.x, self.x * self.y], [self.x * self.y, self.y * self.y]])
+        """Return the second-order covariance of a pose, (5, 5): of x and y, m²; all else is zero."""
+        covariance = np.zeros((len(POSE_ENTRIES), len(POSE_ENTRIES)))
+        covariance[0, 0], covariance[1, 1] = self.x * self.x, self.y * self.y
+        covariance[0, 1] = covariance[1, 0] = self.x * self.y
+        return covariance

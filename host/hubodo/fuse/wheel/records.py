@@ -146,7 +146,7 @@ class SmoothingTerms(NamedTuple):
     changes : updates and transitions since the previous pose, in their order. Noise and known inputs are no
         changes: what smoothing needs of them is in `pose_rows`.
     pose_rows : (5, n), covariance of the states of the pose with all states at the end of the step.
-    heading_inflation : (2, 2) m², second-order covariance of x and y beyond that.
+    heading_inflation : (5, 5), second-order covariance of the pose beyond that, of x and y only.
     """
 
     changes: Sequence[StateChange]

@@ -9,6 +9,7 @@ began (generalised likelihood ratio test of a jump at unknown time, Willsky and 
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections import deque
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -25,6 +26,9 @@ from hubodo.fuse.wheel.window import WINDOW_S
 
 SUM_LENGTHS_WINDOWS = (1, 2, 3, 4, 5, 7, 10, 14, 20, 30, 40, 60)
 """Windows per sum. What grows for longer than six seconds is indistinguishable from a slope."""
+
+_SUM_SPANS = tuple((length, length * WINDOW_S) for length in SUM_LENGTHS_WINDOWS)
+"""Windows and duration, s, of each sum."""
 
 _SLIP_SIGMA = 4.5
 """Significance of a slip: with twelve sums per window and thousands of windows no false alarm is expected."""
@@ -183,11 +187,8 @@ class SlipDetector:
         common_sigma += _ACCEL_RIPPLE * abs(forward.yaw_rate) * WINDOW_S
         self._totals = residual, variance, common_sigma
         onset, largest, sums = None, _SLIP_SIGMA**2, self._sums
-        for length in SUM_LENGTHS_WINDOWS:
-            if length > len(sums):
-                break
+        for length, span in _SUM_SPANS[: bisect_right(SUM_LENGTHS_WINDOWS, len(sums))]:
             start = sums[-length]
-            span = length * WINDOW_S
             slip = residual - start.residual - span * start.slope
             # Early exit: most sums are far below the threshold.
             if -_MIN_SLIP_SPEED <= slip <= _MIN_SLIP_SPEED:

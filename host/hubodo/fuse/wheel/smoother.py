@@ -93,7 +93,7 @@ class LaterInformation:
         x, y, heading, speed, yaw_rate = map(add, pose[1:6], rows.dot(self.vector).tolist())
         covariance = rows[:, pose_columns] - rows.dot(self.matrix).dot(rows.T)
         covariance = 0.5 * (covariance + covariance.T)
-        covariance[:2, :2] += terms.heading_inflation
+        covariance += terms.heading_inflation
         return Pose(pose.t, x, y, heading, speed, yaw_rate, covariance, *pose[7:])
 
     def _add_symmetric(self, rows: Array, other: Array) -> None:
