@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from generators import warm_ups
 from generators.noise import gyro_noise
-from generators.odd_records import ADDED, CHANGES, FAST_CLOCK, disturb
+from generators.odd_records import ADDED, CHANGES, FAST_CLOCK, disturb, ramp_and_return
 from generators.steady_turns import steady_turns
 from generators.table_record import DEG_H, table_record
 from generators.table_worlds import NOISE, even
@@ -61,6 +61,7 @@ HEADING_ROWS = {
     "three, bias walks": ("bias walks", {"standstills": (2, 5, 8)}),
     "three, LSB of 15 sigma": ("LSB of 15 sigma", {"standstills": (2, 5, 8)}),
     "warm-up of 0.1 deg/s": ("none", {"warmup": 0.1}),
+    "3 °C and back": ("none", {"thermometer": True}),
 }
 EXTRA_ROWS = {"north": NORTH_ROWS, "heading": HEADING_ROWS}
 
@@ -142,14 +143,23 @@ def north(name, seed, latitude=45.0, given=None, programme=None, method="maytag4
     return Answer([error / result.sigma], result.warnings)
 
 
-def heading(name, seed, **world):
-    """Judge the final heading of five minutes of turns between two standstills."""
+def heading(name, seed, thermometer=False, **world):
+    """Judge the final heading of five minutes of turns between two standstills.
+
+    thermometer: the room warms or cools by 3 °C and back, and the log has its temperature; 0.02 deg/s per °C.
+    """
     world = {"standstills": (0, 9)} | world
     t, gyro, accel, true = steady_turns([seed, 4], scale_sigma=0.01, **world)
     rng = np.random.default_rng([seed, 5])
     times, gyro, accel = disturb(name, t, gyro, accel, rng, 0.02 * DEG)
+    temperature = None
+    if thermometer:
+        temperature = 25.0 + ramp_and_return(t, rng, 1.0)
+        gyro = gyro + np.outer(temperature - 25.0, 0.02 * DEG * rng.standard_normal(3))
     sign = -1 if name == "axes reversed" else 1
-    result = heading_from_recording(recording(times, gyro, accel), "imu", HeadingOptions(), log="log")
+    result = heading_from_recording(
+        recording(times, gyro, accel, temperature), "imu", HeadingOptions(), log="log"
+    )
     truth = sign * np.interp(t[0] + (result.track.t[-1] - t[0]) / clock_rate(name), t, true)
     return Answer([(result.track.heading[-1] - truth) / result.track.sigma[-1]], result.notes)
 

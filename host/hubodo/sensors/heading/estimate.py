@@ -38,6 +38,9 @@ TYPICAL_GYRO_LAG = 0.005  # s
 """Group delay of a gyro with 30 Hz bandwidth, a common setting of MEMS gyros in vehicles."""
 TYPICAL_BIAS_INSTABILITY = math.radians(30.0) / 3600.0
 """B of IEEE 952, rad/s: data sheets of commercial MEMS gyros state 10 to 40 degrees per hour."""
+TYPICAL_TEMPERATURE_COEFFICIENT = math.radians(0.02)  # rad/s per °C
+_MIN_TEMPERATURE_CHANGE = 0.3
+"""Of data sheets of MEMS gyros (0.005 to 0.05 deg/s per °C); smaller changes, °C, are within the noise."""
 UNCALIBRATED_SCALE_SIGMA = 0.01
 """1σ of the relative scale error of an uncalibrated MEMS gyro; data sheets state 1 to 3 % tolerance."""
 
@@ -89,8 +92,7 @@ def heading_from_recording(
     t, gyro, accel = table.t[rows], table.gyro[rows], table.accel[rows]
     up, note = axis_direction(accel, options.axis)
     notes += [note] if note else []
-    effects = dict(options.effects)
-    index = "xyz".index(options.axis)
+    effects, index = dict(options.effects), "xyz".index(options.axis)
     rate = triad_from_effects(effects, "gyro").correct(np.nan_to_num(gyro))[:, index]
     axis = VerticalAxis(t, up * rate, up * gyro[:, index], interpolate_temperature(table, rows))
     model, sigmas = vertical_axis_warmup(effects, options.axis, up, thermometer=axis.temperature is not None)
@@ -108,6 +110,7 @@ def heading_from_recording(
         notes.append("power-on is assumed at the first sample; if it was earlier, give --age")
     if not model.c1:
         notes.append("no warm-up model of this axis: soon after power-on its bias drifts by more than sigma")
+    sigmas |= _uncalibrated_temperature(axis, spans, sigmas, notes)
     noise = replace(_bias_noise(options, effects, axis, spans, notes), warmup=sigmas)
     scale_sigma = _scale_sigma(options, effects, notes)
     lag = _gyro_delay(options, effects)
@@ -201,6 +204,26 @@ def _complete_rows(table: Table, axis: str, notes: list[str]) -> NDArray[np.int6
     if len(rows) < 100:
         raise InputError(f"{len(rows)} samples are too few for a heading; record several seconds at least")
     return rows
+
+
+def _uncalibrated_temperature(
+    axis: VerticalAxis, spans: Spans, sigmas: Mapping[str, float], notes: list[str]
+) -> dict[str, float]:
+    """Return the prior of the temperature coefficient if the temperature changes and none is calibrated.
+
+    The standstills determine the bias at their temperatures; the coefficient is a state of the filter.
+    """
+    if not spans or axis.temperature is None or "temperature_coefficient" in sigmas:
+        return {}
+    change = float(np.ptp(axis.temperature))
+    if not change > _MIN_TEMPERATURE_CHANGE:
+        return {}
+    notes.append(
+        f"the temperature changes by {change:.1f} °C and no coefficient is calibrated: sigma includes "
+        f"{math.degrees(TYPICAL_TEMPERATURE_COEFFICIENT):.2g} deg/s per °C, typical of MEMS gyros; hubodo "
+        "warmup measures it"
+    )
+    return {"temperature_coefficient": TYPICAL_TEMPERATURE_COEFFICIENT}
 
 
 def _bias_noise(

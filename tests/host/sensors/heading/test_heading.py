@@ -18,6 +18,7 @@ from hubodo.log.csv_table import read_table
 from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Recording, Table
 from hubodo.sensors.allan.characterise import characterise_noise
+from hubodo.sensors.heading.estimate import HeadingOptions, heading_from_recording
 from hubodo.sensors.heading.standstill import estimate_angle_random_walk
 from hubodo.sensors.heading.track import VerticalAxis, _rms_change, estimate_heading
 from vehicles import vehicle_toml
@@ -347,3 +348,25 @@ def test_without_standstill_the_calibrated_bias_is_used_with_its_sigma(tmp_path,
     # A bias of one degree per second from day to day, for 60 s.
     assert result["sigma_deg"] == pytest.approx(60.0, rel=0.02)
     assert abs(result["turned_deg"]["heading"] - math.degrees(0.3 * (1 - math.cos(t[-1])))) < 1.0
+
+
+def test_an_uncalibrated_temperature_change_is_a_state_of_the_filter():
+    """Between two standstills the room warms by 3 °C and cools; the bias follows by 0.02 deg/s per °C."""
+    rng = np.random.default_rng(9)
+    t = np.arange(0.0, 300.0, 0.05)
+    warmer = 3.0 * np.interp(t, [60.0, 120.0, 180.0, 240.0], [0.0, 1.0, 1.0, 0.0])
+    turning = np.where((t > 60.0) & (t < 240.0), np.radians(10.0), 0.0)
+    rate = turning + np.radians(0.02) * warmer + 0.003 + 1e-3 * rng.standard_normal(len(t))
+    columns = dict.fromkeys(("gx", "gy", "ax", "ay"), 0.0 * t) | {"t": t, "gz": rate, "az": 9.81 + 0.0 * t}
+    spans = HeadingOptions(standstills=((0.0, 59.0), (241.0, 299.0)), scale_sigma=0.0)
+
+    def final(temperature):
+        node = Table(columns | ({} if temperature is None else {"temperature": temperature}))
+        result = heading_from_recording(Recording({"imu": node}), "imu", spans, log="log")
+        error = result.track.heading[-1] - np.sum(turning) * 0.05
+        return abs(error) / result.track.sigma[-1], result.track.sigma[-1], result.notes
+
+    unknown, known, constant = final(None), final(25.0 + warmer), final(25.0 + 0.0 * t)
+    assert known[0] < 2.0 < unknown[0] and known[1] > 2.0 * unknown[1]
+    assert any("the temperature changes by 3.0 °C" in note for note in known[2])
+    assert constant[1] == unknown[1]
