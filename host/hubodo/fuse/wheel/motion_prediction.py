@@ -132,7 +132,7 @@ class MotionPrediction:
         if not measures_yaw:
             free_speed_variance, yaw_variance = free_motion_variances(vehicle_motion_sigmas(max_speed))
             speed_variance = speed_variance if received or has_surface_speeds else free_speed_variance
-        blind = min((window.blind_windows for _, window in windows), default=0)
+        blind = min([window.blind_windows for _, window in windows], default=0)
         if (
             blind > 0
             and not has_surface_speeds

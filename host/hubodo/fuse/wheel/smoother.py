@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from operator import add
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.filter_core import FilterCore
@@ -33,11 +34,11 @@ def smooth_whole_log(
 ) -> list[Pose]:
     """Return all poses, each from the whole log; empties `terms`, which hold most of the memory of a run."""
     n_states = terms[0].pose_rows.shape[1]
-    later = LaterInformation(n_states)
+    later, columns = LaterInformation(n_states), np.array(pose_columns)
     smoothed = []
     for pose in reversed(poses):
         step = terms.pop()
-        smoothed.append(later.smooth(pose, step, pose_columns))
+        smoothed.append(later.smooth(pose, step, columns))
         for change in reversed(step.changes):
             later.step_back(change)
     return smoothed[::-1]
@@ -87,11 +88,11 @@ class LaterInformation:
         half += by_rows
         self._add_symmetric(rows, half)
 
-    def smooth(self, pose: Pose, terms: SmoothingTerms, pose_columns: Sequence[int]) -> Pose:
+    def smooth(self, pose: Pose, terms: SmoothingTerms, pose_columns: NDArray[np.intp]) -> Pose:
         """Return the pose at the end of a step with this information."""
         rows = terms.pose_rows
         x, y, heading, speed, yaw_rate = map(add, pose[1:6], rows.dot(self.vector).tolist())
-        covariance = rows[:, pose_columns] - rows.dot(self.matrix).dot(rows.T)
+        covariance = rows.take(pose_columns, axis=1) - rows.dot(self.matrix).dot(rows.T)
         covariance = 0.5 * (covariance + covariance.T)
         covariance += terms.heading_inflation
         return Pose(pose.t, x, y, heading, speed, yaw_rate, covariance, *pose[7:])
