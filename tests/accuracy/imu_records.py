@@ -18,6 +18,7 @@ from scipy.stats import beta
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from generators.odd_records import missing_codes
 from generators.poses import GRAVITY, Errors, carry
 from hubodo.errors import HubodoError
 from hubodo.sensors.imu.calibrate import calibrate_imu
@@ -283,6 +284,12 @@ def one_plane(rng):
     return Rotation.from_euler("zyx", angles, degrees=True)
 
 
+def uneven_codes(data, rng):
+    """Convert both sensors with steps as wide as the noise, uneven and with missing codes."""
+    _, gyro, _ = missing_codes(data.t, data.gyro, None, rng, 0.0)
+    return data.t, gyro, missing_codes(data.t, data.accel, None, rng, 0.0)[1]
+
+
 DISTURBANCES = {
     "none": lambda d, _: (d.t, d.gyro, d.accel),
     "biases drift by 0.3 deg/s, 5 mg": ramp,
@@ -293,6 +300,7 @@ DISTURBANCES = {
     "accelerometer range 9.3 m/s²": lambda d, _: (d.t, d.gyro, np.clip(d.accel, -9.3, 9.3)),
     "accelerometer quadratic, 5 mg": lambda d, _: (d.t, d.gyro, d.accel + 5e-4 * d.accel**2),
     "accelerometer cubic, 5 mg": lambda d, _: (d.t, d.gyro, d.accel + 0.05 * (d.accel / GRAVITY) ** 3),
+    "uneven and missing codes": uneven_codes,
     "gyro asymmetry, 0.5 %": lambda d, _: (d.t, d.gyro + 5e-3 * np.abs(d.true_rate), d.accel),
     "gyro cubic, 1 % at 1 rad/s": lambda d, _: (d.t, d.gyro * (1 - 0.01 * d.gyro**2), d.accel),
 }

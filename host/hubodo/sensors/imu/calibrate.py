@@ -23,6 +23,7 @@ from hubodo.sensors.imu.result import ImuCalibration, TriadCalibration
 from hubodo.sensors.imu.scalar_calibration import Convention, ScalarCalibration
 from hubodo.sensors.imu.standstills import Standstills, find_standstills
 from hubodo.sensors.imu.turns import Turns, collect_turns
+from hubodo.sensors.imu.uneven_codes import uneven_code_sigma
 from hubodo.sensors.imu.vector_references import (
     calibrate_by_earth_rate,
     calibrate_by_table,
@@ -214,8 +215,11 @@ def _calibrate_gyro(
     bias, bias_covariance, g_sensitivity, g_sigma = estimate_static_bias(
         standstills.gyro, standstills.gyro_sigma, force
     )
+    uneven = np.diag(uneven_code_sigma(gyro, standstills, notes) ** 2)
     if (by_earth_rate := try_earth_rate(standstills, force, latitude, notes)) is not None:
-        return by_earth_rate
+        return replace(by_earth_rate, covariance=by_earth_rate.covariance + np.pad(uneven, (0, 9)))
+    # A turn passes many codes, so this sigma is part of the prior with which the turns estimate the bias.
+    bias_covariance = bias_covariance + uneven
     total_bias = np.asarray(bias if g_sensitivity is None else bias + all_force @ g_sensitivity.T)
     turns = collect_turns(t, gyro, total_bias, standstills, force)
     # The direction of Earth rate in each standstill is unknown, so it adds to the uncertainty of the bias.
@@ -234,7 +238,7 @@ def _calibrate_gyro(
         if g_sensitivity is not None:
             design = np.column_stack([design, force])
         noise_variance = (standstills.gyro_sigma**2).mean(axis=0)
-        bias_covariance = earth.bias_covariance(bias_covariance, design, noise_variance)
+        bias_covariance = uneven + earth.bias_covariance(bias_covariance, design, noise_variance)
         if g_sigma is not None and latitude is None:
             # The vertical Earth rate is proportional to gravity, like an equal g-sensitivity of all axes.
             g_sigma = np.hypot(g_sigma, np.eye(3) * EARTH_RATE / np.sqrt(3) / STANDARD_GRAVITY)
@@ -252,7 +256,11 @@ def _calibrate_gyro(
         g_sensitivity,
         g_sigma,
     )
-    return _add_turns(static, turns, standstills, accel, notes)
+    calibrated = _add_turns(static, turns, standstills, accel, notes)
+    if uneven.any() and calibrated.turns is not None:
+        # Near their ends the turns use the same codes as the standstills.
+        calibrated = replace(calibrated, covariance=calibrated.covariance + np.pad(uneven, (0, 9)))
+    return calibrated
 
 
 def _add_turns(

@@ -1,0 +1,80 @@
+"""Uneven codes of a converter in standstills: an error of the gyro bias that is the same in all poses."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.special import fdtrc, ndtr
+
+from hubodo.arrays import Array
+from hubodo.sensors.imu.quantisation import find_quantisation_steps
+from hubodo.sensors.imu.standstills import Standstills
+
+_MIN_POSES = 8
+_SCATTER_RANGE = (0.5, 10.0)
+"""Scatter of the samples, steps: below it rounding hides their density, above it widths average out."""
+_MIN_CODE_COUNT = 60.0
+_MIN_UNEVENNESS, _MAX_CHANCE = 0.1, 1e-5
+_DENSITY_PARAMETERS = 3
+"""Count, mean and standard deviation of the normal density."""
+_ROUNDING_VARIANCE = 1.0 / 12.0
+
+
+def uneven_code_sigma(gyro: Array, standstills: Standstills, notes: list[str]) -> Array:
+    """Return the (3,) sigmas of the gyro bias due to uneven or missing codes, rad/s, and note their cause.
+
+    gyro: (N, 3) rad/s. At standstill all poses use the same few codes, so the mean of the poses does not
+    reduce their error. In each pose, the count of a code is compared with that of even codes and normal
+    noise; the scatter from pose to pose shows which mean differences are due to chance. The axes are pooled,
+    because few codes occur in each and converters of one chip are alike.
+    """
+    steps = find_quantisation_steps(gyro)
+    if len(standstills) < _MIN_POSES or not steps.any():
+        return np.zeros(3)
+    scatter = np.zeros(3)
+    axes = []
+    for k in np.flatnonzero(steps):
+        spans = zip(standstills.start, standstills.end, strict=True)
+        poses = [np.rint(gyro[i:j, k] / steps[k]) for i, j in spans if j > i + 1]
+        scatter[k] = math.sqrt(
+            max(0.0, float(np.mean([it.var(ddof=1) for it in poses])) - _ROUNDING_VARIANCE)
+        )
+        if _SCATTER_RANGE[0] <= scatter[k] <= _SCATTER_RANGE[1]:
+            axes.append(_code_deviations(poses, float(scatter[k])))
+    axes = [it for it in axes if it.shape[1] > _DENSITY_PARAMETERS]
+    if not axes:
+        return np.zeros(3)
+    deviation, sigma = np.concatenate(axes, axis=1)
+    dof = len(deviation) - _DENSITY_PARAMETERS * len(axes)
+    chance = fdtrc(dof, len(standstills) - 1, float(((deviation / sigma) ** 2).sum()) / dof)
+    unevenness = math.sqrt(max(0.0, float((deviation**2 - sigma**2).sum()) / dof))
+    if chance > _MAX_CHANCE or unevenness < _MIN_UNEVENNESS:
+        return np.zeros(3)
+    # A width is the difference of two edges. The errors e of independent edges move the mean by the sum of
+    # e times the density there: rms e sqrt(1 / (2 sqrt(pi) s)) for normal noise of s steps.
+    density = 1.0 / np.sqrt(2.0 * math.sqrt(math.pi) * np.maximum(scatter, _SCATTER_RANGE[0]))
+    result = np.asarray(steps * density * unevenness / math.sqrt(2.0))
+    text = ", ".join(f"{math.degrees(it) * 3600.0:.3g}" for it in result)
+    notes.append(
+        f"the codes of the gyros' converter are uneven by {unevenness:.0%} (1σ; steps of "
+        f"{math.degrees(float(steps.max())):.3g} deg/s), an error of the bias that is the same in all poses: "
+        f"the sigmas include {text} °/h for it"
+    )
+    return result
+
+
+def _code_deviations(poses: list[Array], scatter: float) -> Array:
+    """Return the relative deviations of the widths of the codes and their sigmas, (2, C)."""
+    codes = np.arange(min(it.min() for it in poses), max(it.max() for it in poses) + 1.0)
+    difference, expected = np.zeros((2, len(poses), len(codes)))
+    edges = np.append(codes - 0.5, codes[-1] + 0.5)
+    for k, pose in enumerate(poses):
+        sigma = math.sqrt(max(pose.var(ddof=1) - _ROUNDING_VARIANCE, (0.5 * scatter) ** 2))
+        expected[k] = len(pose) * np.diff(ndtr((edges - pose.mean()) / sigma))
+        difference[k] = np.bincount((pose - codes[0]).astype(np.int64), minlength=len(codes)) - expected[k]
+    total = expected.sum(axis=0)
+    used = total > _MIN_CODE_COUNT
+    total, difference = total[used], difference[:, used]
+    chance = np.maximum(difference.std(axis=0, ddof=1) * math.sqrt(len(poses)), np.sqrt(total))
+    return np.asarray(np.stack([difference.sum(axis=0), chance]) / total)
