@@ -15,7 +15,7 @@ from time import sleep_us, ticks_add, ticks_diff, ticks_ms, ticks_us
 import machine
 import reports
 from drivers.chip import nearest
-from drivers.st_asleep import ASLEEP_SETTINGS, AWAKE_SETTINGS, halt, halt_magnetometer, recover_fifo
+from drivers.st_asleep import halt, halt_magnetometer, parking_settings, recover_fifo
 from micropython import const
 from outbox import ROW
 from slow_sampling import SlowSampling
@@ -91,20 +91,21 @@ class Parking(SlowSampling):
         """Sleep until the chip detects motion, or a request or a fault ends the sleep."""
         node, parts, sampler = self._node, self._node.parts, self._node.sampler
         mag, s, is_request = parts.mag, node.settings, False
+        asleep, awake = parking_settings(chip)
         self.is_slow = True
         parts.faults |= FAULT_ASLEEP
         try:
             halt(chip)
             chip.read_temperature()
             self._read_rest(chip, sampler.reader.left)
-            slow = self._reopen(chip, s["rest_rate_hz"], chip.RANGES_G[0][0], s["rest_mg"], ASLEEP_SETTINGS)
+            slow = self._reopen(chip, s["rest_rate_hz"], chip.RANGES_G[0][0], s["rest_mg"], asleep)
             if mag is not None:
                 halt_magnetometer(mag)
             reports.hello(node)
             is_request = self._sleep(slow)
             sampler.flags = BATCH_FLAG_RATE_CHANGED
             self._wake(slow, chip.rate_mhz)
-            self._reopen(slow, s["rate_hz"], chip.range_g, 0, AWAKE_SETTINGS)
+            self._reopen(slow, s["rate_hz"], chip.range_g, 0, awake)
             parts.start(False)
             sampler.flags = BATCH_FLAG_RATE_CHANGED
             # At once, as the start discards what the chip has sampled by then.
@@ -185,8 +186,10 @@ class Parking(SlowSampling):
         # One oscillator sets both rates, so the ratio of their periods is exact.
         period_ns = clock.period_ns * full_rate_mhz // chip.rate_mhz
         level = recover_fifo(chip)
-        while level > _HISTORY:
-            count = min(level - _HISTORY, _BATCH)
+        # A full FIFO would overwrite samples while they are read.
+        history = min(_HISTORY, chip.FIFO_SAMPLES - _BATCH)
+        while level > history:
+            count = min(level - history, _BATCH)
             self._fill(chip, count)
             level -= count
         level = chip.fifo_level()

@@ -19,7 +19,7 @@ PARK_AFTER_S = 1
 CYCLE_S, MOTION_S = 9.0, 1.5
 SLOW_PERIOD_S = 0.03
 """Periods of the chip above this are those of its sleep."""
-HISTORY_S = 4.0
+HISTORY_S = {"lsm6dsv": 2.0}
 """The samples of this time before a wake-up have to be sent."""
 
 
@@ -100,7 +100,7 @@ def park(
     ends = truth.t[np.flatnonzero(slow[:-1] & ~slow[1:])]
     following = np.searchsorted(ends, truth.t)
     until_end = np.append(ends, np.inf)[following] - truth.t
-    lost = missing & ~(slow & (until_end > HISTORY_S))
+    lost = missing & ~(slow & (until_end > HISTORY_S.get(chip, 4.0)))
     first_fast = truth.t[np.flatnonzero(slow[:-1] & ~slow[1:]) + 1]
     delays = np.array(
         [first_fast[first_fast > start].min() - start for start in starts if (first_fast > start).any()]

@@ -19,9 +19,23 @@ _FIFO_WORDS = const(4096)
 _TAGGED_WORD = const(7)
 _TAG_TIMESTAMP = const(4)
 
-ASLEEP_SETTINGS = ((_CTRL6_C, _LOW_POWER_ACCEL), (_CTRL7_G, _LOW_POWER_GYRO))
-AWAKE_SETTINGS = ((_CTRL6_C, 0), (_CTRL7_G, 0), (_MD1_CFG, 0))
-"""Settings that end the low-power modes and the interrupt of `wake_mg`."""
+_ASLEEP = ((_CTRL6_C, _LOW_POWER_ACCEL), (_CTRL7_G, _LOW_POWER_GYRO))
+_AWAKE = ((_CTRL6_C, 0), (_CTRL7_G, 0), (_MD1_CFG, 0))
+
+
+def parking_settings(chip):
+    """Return the settings of the low-power modes, and those that end them and the interrupt of `wake_mg`.
+
+    An LSM6DSV, which has its range in CTRL6, sleeps in high performance; any setting replaces the reset.
+    """
+    if _fifo_status(chip) == _FIFO_STATUS1:
+        return _ASLEEP, _AWAKE
+    return _AWAKE[1:2], _AWAKE[1:]
+
+
+def _fifo_status(chip):
+    """Return the first register with the level of the FIFO."""
+    return chip.FIFO_STATUS if chip.IS_TAGGED else _FIFO_STATUS1
 
 
 def halt(chip):
@@ -38,7 +52,7 @@ def halt_magnetometer(mag):
 def recover_fifo(chip):
     """Return the whole samples in a FIFO that may have overwritten its oldest words."""
     status = bytearray(2)
-    chip.i2c.readfrom_mem_into(chip.address, _FIFO_STATUS1, status)
+    chip.i2c.readfrom_mem_into(chip.address, _fifo_status(chip), status)
     if not status[1] & _OVERRUN:
         return chip.fifo_level()
     return _recover_tagged(chip, status) if chip.IS_TAGGED else chip.realign(_FIFO_WORDS)

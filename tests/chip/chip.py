@@ -53,6 +53,8 @@ LARGE = {
 CHIPS = {
     "lsm6dso": {},
     "lsm6dso 833": {"rate_hz": 833},
+    "lsm6dsv": {},
+    "lsm6dsv 960": {"rate_hz": 960},
     "icm42688 1000": {"rate_hz": 1000},
     "icm20948 225": {"rate_hz": 225},
     "mpu9250 200": {"rate_hz": 200},

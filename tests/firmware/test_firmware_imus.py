@@ -17,7 +17,7 @@ from hubodo.emulator.chips.catalogue import IMU_CHIPS
 from hubodo.emulator.chips.faults import MissedSamples
 from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.chips.registers import Register, RegisterChip
-from hubodo.emulator.motion import StillMotion
+from hubodo.emulator.motion import RecordedMotion, StillMotion
 from virtual_runs import unique_motion
 
 
@@ -31,7 +31,8 @@ def configuration(tmp_path, monkeypatch):
 
 
 ROWS = {row[1]: row for row in chip_search.IMU_DRIVERS}
-CHIPS = [(kind, {"mpu6500": "MPU9250"}.get(kind.chip_name, kind.chip_name.upper())) for kind in IMU_CHIPS]
+SHARED_DRIVERS = {"mpu6500": "MPU9250", "lsm6dsv320x": "LSM6DSV"}
+CHIPS = [(kind, SHARED_DRIVERS.get(kind.chip_name, kind.chip_name.upper())) for kind in IMU_CHIPS]
 each_chip = pytest.mark.parametrize(("silicon", "driver"), CHIPS, ids=lambda x: getattr(x, "chip_name", x))
 ON_SPI = [(kind, name) for kind, name in CHIPS if name in {row[1] for row in SPI_DRIVERS}]
 each_bus = pytest.mark.parametrize(
@@ -44,6 +45,10 @@ each_bus = pytest.mark.parametrize(
 def load(name):
     module, name, *_ = ROWS[name]
     return getattr(__import__(module, None, None, (name,)), name)
+
+
+def load_silicon(chip_name):
+    return next(kind for kind in IMU_CHIPS if kind.chip_name == chip_name)
 
 
 def fifo_rows(chip, batch):
@@ -143,7 +148,7 @@ def test_the_temperature_is_that_of_the_chip(silicon, driver, bus_of, degrees):
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5])
-@pytest.mark.parametrize("chip_name", ["lsm6dso", "icm42688"])
+@pytest.mark.parametrize("chip_name", ["lsm6dso", "lsm6dsv", "icm42688"])
 def test_samples_that_the_chip_skipped_show_in_its_own_time_stamps(chip_name, n):
     silicon, driver = next((kind, load(name)) for kind, name in CHIPS if kind.chip_name == chip_name)
     faults = (MissedSamples(0.5, n),)
@@ -159,6 +164,42 @@ def test_samples_that_the_chip_skipped_show_in_its_own_time_stamps(chip_name, n)
         PORT_TICKS.now_us += step_us
         torn += [fifo_rows(chip, 8)[1]] if chip.fifo_level() >= 8 else []
     assert sum(torn) == 1 and abs(torn.index(True) - 500_000 // step_us) < 3
+
+
+@pytest.mark.parametrize(
+    ("chip_name", "odr_error", "reported_error"),
+    [("lsm6dso", 0.0225, 0.0225), ("lsm6dsv", -0.0169, -0.0169), ("lsm6dsv320x", 0.02, 15 * 0.0013)],
+)
+def test_the_factory_measurement_of_the_rate_sets_the_period(chip_name, odr_error, reported_error):
+    silicon, driver = next((kind, load(name)) for kind, name in CHIPS if kind.chip_name == chip_name)
+    _, nominal_mhz, _ = driver.RATES_HZ[5]
+    chip = driver(
+        EmulatedBus(silicon(StillMotion(), Specimen(odr_error=odr_error))), odr_hz=driver.RATES_HZ[5][0]
+    )
+    assert chip.rate_mhz == pytest.approx(nominal_mhz * (1 + reported_error), abs=1)
+
+
+@pytest.mark.parametrize("range_g", [2, 16])
+@pytest.mark.parametrize(
+    ("wake_mg", "step_mg", "is_motion"), [(31, 58, False), (31, 68, True), (5000, 960, False)]
+)
+def test_the_motion_detector_of_an_lsm6dsv_has_the_same_threshold_at_each_range(
+    range_g, wake_mg, step_mg, is_motion
+):
+    """Half a step above the threshold, which has 6 bits of 7.8 mg, sets the flag until it is read."""
+    t = np.array([0.0, 1.0, 1.001, 3.0])
+    force = np.zeros((4, 3))
+    force[2:, 0] = step_mg * 1e-3 * STANDARD_GRAVITY
+    force[:, 2] = STANDARD_GRAVITY
+    motion = RecordedMotion(t, np.zeros((4, 3)), force, temperature_c=25.0, start=0.0)
+    part = load_silicon("lsm6dsv")(motion, Specimen(strict=True))
+    chip = load("LSM6DSV")(EmulatedBus(part, call_us=0), odr_hz=30, range_g=range_g, wake_mg=wake_mg)
+    register, bit = chip.MOTION_FLAG
+    PORT_TICKS.now_us += 900_000
+    assert not chip.read(register) & bit
+    PORT_TICKS.now_us += 900_000
+    assert bool(chip.read(register) & bit) == is_motion
+    assert bool(part.interrupt_level(PORT_TICKS.now_us * 1e-6)) is False
 
 
 def test_a_bmi270_gets_its_configuration_completely_and_refuses_another_one(configuration):

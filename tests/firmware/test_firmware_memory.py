@@ -132,6 +132,7 @@ CASES = {
     "lsm6ds33-208-polled": ("lsm6ds33", 208, 4700, 0, {"fifo": False}, (*POLLED, *STATIC, *KALMAN)),
     "lsm6ds33-1660": ("lsm6ds33", 1660, 610, 0, {}, (*FIFO, *STATIC, *KALMAN)),
     "lsm6dso-416": ("lsm6dso", 416, 2370, 0, {}, (*FIFO, *STATIC, *KALMAN)),
+    "lsm6dsv-480": ("lsm6dsv", 480, 2050, 0, {}, (*FIFO, *STATIC, *KALMAN)),
     "mpu6050-200-warm-rest": (
         "mpu6050",
         200,
@@ -176,7 +177,7 @@ ESTIMATORS = {1: "KalmanFilter", 2: "RlsFilter"}
 def samples_of(case):
     if case == LONGEST_CASE:
         return SAMPLES
-    if case.endswith("-416"):
+    if case.endswith(("-416", "-480")):
         return DRIVER_SAMPLES
     return 2 * FEWER_SAMPLES if case == "lsm6ds33-1660" else FEWER_SAMPLES
 

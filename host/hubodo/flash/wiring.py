@@ -48,6 +48,8 @@ KNOWN_CHIPS = {
     (0x0F, 0x6A): "LSM6DSL, LSM6DSM or LSM6DS3TR-C",
     (0x0F, 0x6B): "LSM6DSR or ASM330",
     (0x0F, 0x6C): "LSM6DSO or LSM6DSOX, used on later Pololu boards",
+    (0x0F, 0x70): "LSM6DSV, LSM6DSV16X or LSM6DSV32X (same identity; the last is not served)",
+    (0x0F, 0x73): "LSM6DSV320X or LSM6DSV80X",
     (0x0F, 0x3D): "LIS3MDL",
     (0x0D, 0xFF): "QMC5883L",
     (0x2F, 0x30): "MMC5983MA",

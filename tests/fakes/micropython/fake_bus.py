@@ -25,7 +25,7 @@ class FakeBus:
             self.gravity[2 * i + 1] = round(-2049 * math.sin(0.02 * math.pi * i))
         self.has_high_g = False
         self.high_g_us = 0
-        self.is_st = imu in ("lsm6ds33", "lsm6dso")
+        self.is_st = imu in ("lsm6ds33", "lsm6dso", "lsm6dsv")
         self.address = 0x6B if self.is_st else 0x68
         self.period_us = period_us
         self.registers = {}
@@ -70,7 +70,9 @@ class FakeBus:
         elif self.imu == "lsm6ds33":
             self._lsm6ds33(register, buffer)
         elif self.imu == "lsm6dso":
-            self._lsm6dso(register, buffer)
+            self._tagged(register, buffer, 0x6C, 0x3A, 4000)
+        elif self.imu == "lsm6dsv":
+            self._tagged(register, buffer, 0x70, 0x1B, 4608)
         else:
             self._mpu6050(register, buffer)
 
@@ -126,17 +128,17 @@ class FakeBus:
         else:
             buffer[0] = self.registers.get(address_of(self.address, register), 0)
 
-    def _lsm6dso(self, register, buffer):
+    def _tagged(self, register, buffer, identity, status, ticks_per_100_ms):
         """Three tagged words per sample: gyro, accelerometer, time stamp."""
         if register == 0x0F:
-            buffer[0] = 0x6C
-        elif register == 0x3A:
+            buffer[0] = identity
+        elif register == status:
             words = 3 * (self.samples() - self.read)
             buffer[0], buffer[1] = words & 0xFF, words >> 8
         elif register == 0x78:
             for at in range(0, len(buffer), 21):
                 tag = (self.read & 3) << 1
-                ticks = self.read * self.period_us // 25
+                ticks = self.read * (self.period_us * ticks_per_100_ms // 100000)
                 self._sample(buffer, at + 1, 7)
                 for i in range(3):
                     buffer[at + 7 * i] = (1 << i) << 3 | tag

@@ -12,6 +12,7 @@ from hubodo.emulator.chips.imu import Imu, Specimen
 from hubodo.emulator.chips.lis3mdl import Lis3mdl
 from hubodo.emulator.chips.lsm6ds33 import Lsm6ds33
 from hubodo.emulator.chips.lsm6dso import Lsm6dso, Lsm6dsr
+from hubodo.emulator.chips.lsm6dsv import Lsm6dsv, Lsm6dsv320x
 from hubodo.emulator.chips.mmc5983ma import Mmc5983ma
 from hubodo.emulator.chips.mpu6050 import Mpu6050, Mpu6500, Mpu9250
 from hubodo.emulator.chips.qmc5883l import Qmc5883l
@@ -31,6 +32,8 @@ IMU_CHIPS: tuple[ImuKind, ...] = (
     Lsm6ds33,
     Lsm6dso,
     Lsm6dsr,
+    Lsm6dsv,
+    Lsm6dsv320x,
     Mpu6050,
     Mpu6500,
     Mpu9250,

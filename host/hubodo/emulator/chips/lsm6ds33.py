@@ -80,6 +80,9 @@ class Lsm6ds33(Imu):
     REGISTERS = REGISTERS
     ODR_HZ = ODR_HZ
     FIFO_OUTPUT = (FIFO_DATA_L, FIFO_DATA_H)
+    WAKE_SOURCE = WAKE_UP_SRC
+    SAMPLING: tuple[int, ...] = (CTRL1_XL, CTRL2_G)
+    """Registers that restart the sampling."""
 
     def __init__(self, motion: Motion, specimen: Specimen | None = None, *, address: int = 0x6B) -> None:
         specimen = specimen or Specimen()
@@ -123,7 +126,7 @@ class Lsm6ds33(Imu):
             if self.values[CTRL3_C] & _SW_RESET:
                 self.power_on(t)
             self.values[CTRL3_C] &= ~_BOOT & 0xFF
-        elif register in (CTRL1_XL, CTRL2_G):
+        elif register in self.SAMPLING:
             self._configure(t)
         else:
             self._on_fifo_or_clock(t, register)
@@ -141,8 +144,8 @@ class Lsm6ds33(Imu):
             self._timestamp_zero = t
             self.values[0x42] = 0
 
-    def _configure(self, t: float) -> None:
-        """Restart sampling with the current output data rates, or stop it when both sensors are off."""
+    def _rate_codes(self) -> tuple[int, int]:
+        """Return the codes of the output data rates of accelerometer and gyro, 0 when off or reserved."""
         accel_code, gyro_code = self.values[CTRL1_XL] >> 4, self.values[CTRL2_G] >> 4
         if accel_code > 10 or gyro_code > 8:
             self._count_anomaly("reserved ODR code in", CTRL1_XL if accel_code > 10 else CTRL2_G)
@@ -150,6 +153,11 @@ class Lsm6ds33(Imu):
                 (0 if accel_code > 10 else accel_code),
                 (0 if gyro_code > 8 else gyro_code),
             )
+        return accel_code, gyro_code
+
+    def _configure(self, t: float) -> None:
+        """Restart sampling with the current output data rates, or stop it when both sensors are off."""
+        accel_code, gyro_code = self._rate_codes()
         clock_code = max(accel_code, gyro_code)
         if clock_code == 0:
             self.clock.stop()
@@ -217,6 +225,10 @@ class Lsm6ds33(Imu):
         """Return True if the wake-up event persists until it is read."""
         return bool(self.values[TAP_CFG] & _LIR)
 
+    def _wake_up_threshold(self) -> float:
+        """Return the threshold of the wake-up detection in output words."""
+        return (self.values[WAKE_UP_THS] & 0x3F) * 32768 / 64
+
     def _detect_wake_up(self, previous: bytes) -> None:
         """Detect a wake-up event: half the step of an axis exceeds the threshold (AN4650, 5.4)."""
         slope = (
@@ -227,21 +239,21 @@ class Lsm6ds33(Imu):
             )
             / 2
         )
-        exceeded = slope > (self.values[WAKE_UP_THS] & 0x3F) * 32768 / 64
+        exceeded = slope > self._wake_up_threshold()
         if not any(previous):
             return
         self._wake_up_count = self._wake_up_count + 1 if exceeded.any() else 0
         if self._wake_up_count > (self.values[WAKE_UP_DUR] >> 5 & 3):
-            self.values[WAKE_UP_SRC] |= (
+            self.values[self.WAKE_SOURCE] |= (
                 0x08 | int(exceeded[0]) << 2 | int(exceeded[1]) << 1 | int(exceeded[2])
             )
         elif not self._is_latched():
-            self.values[WAKE_UP_SRC] = 0
+            self.values[self.WAKE_SOURCE] = 0
 
     def interrupt_level(self, t: float) -> int:
         """Return 1 while a wake-up event that is routed to INT1 persists."""
         self._measure_until(t)
-        return int(bool(self.values[MD1_CFG] & _INT1_WU and self.values[WAKE_UP_SRC] & 0x08))
+        return int(bool(self.values[MD1_CFG] & _INT1_WU and self.values[self.WAKE_SOURCE] & 0x08))
 
     def _store(self, mode: int, tick: int) -> None:
         """Append a sample to the FIFO, with decimation; when it is full, drop the oldest or newest words."""
@@ -335,10 +347,10 @@ class Lsm6ds33(Imu):
             return block[register - OUT_TEMP_L]
         if FIFO_STATUS1 <= register <= FIFO_STATUS1 + 3:
             return self._fifo_status(register - FIFO_STATUS1)
-        if register == WAKE_UP_SRC:
-            source = self.values[WAKE_UP_SRC]
+        if register == self.WAKE_SOURCE:
+            source = self.values[self.WAKE_SOURCE]
             if self._is_latched():
-                self.values[WAKE_UP_SRC] = 0
+                self.values[self.WAKE_SOURCE] = 0
             return source
         if register == FIFO_DATA_L:
             return self._fifo[0] if self._fifo else 0

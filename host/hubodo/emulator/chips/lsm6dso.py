@@ -26,11 +26,10 @@ FIFO_CTRL1, FIFO_CTRL2, FIFO_CTRL3, FIFO_CTRL4 = range(0x07, 0x0B)
 CTRL10_C, FIFO_STATUS1, TIMESTAMP0, TAP_CFG0, TAP_CFG2 = 0x19, 0x3A, 0x40, 0x56, TAP_CFG
 INTERNAL_FREQ_FINE, FIFO_TAG, FIFO_LAST = 0x63, 0x78, 0x7E
 
-FIFO_WORDS, WORD_BYTES = 512, 7
+WORD_BYTES = 7
 TAG_GYRO, TAG_ACCEL, TAG_TIMESTAMP = 0x01, 0x02, 0x04
-TICKS_PER_SECOND, FINE_STEP = 40e3, 0.0015
 GYRO_4000_DPS_PER_LSB = 0.14
-_TIMESTAMP_EN, _INTERRUPTS_ENABLE, _LIR, _INT1_WU = 0x20, 0x80, 0x01, 0x20
+_LIR, _INT1_WU = 0x01, 0x20
 _BYPASS_MODE, _FIFO_MODE = 0, 1
 
 _READ_ONLY_REGISTERS = {
@@ -90,6 +89,13 @@ class Lsm6dso(Lsm6ds33):
     REGISTERS = REGISTERS
     FIFO_OUTPUT = (FIFO_TAG, FIFO_LAST)
     ODR_HZ = (0.0, *(6667.0 / 2**n for n in range(9, -1, -1)))
+    FIFO_STATUS, FIFO_WORDS = FIFO_STATUS1, 512
+    TICKS_PER_SECOND = 40e3
+    RATE_CALIBRATION, FINE_STEP = INTERNAL_FREQ_FINE, 0.0015
+    TIMESTAMP_ENABLE, INTERRUPTS_ENABLE = (CTRL10_C, 0x20), (TAP_CFG2, 0x80)
+    """(register, bit)."""
+    HAS_PARITY = True
+    """True if the lowest bit of a tag makes its parity even."""
 
     def __init__(self, motion: Motion, specimen: Specimen | None = None, *, address: int = 0x6B) -> None:
         self._tag_count = -1
@@ -102,13 +108,17 @@ class Lsm6dso(Lsm6ds33):
     def power_on(self, t: float) -> None:
         """Reset the registers at t; the factory's measurement of the rate persists."""
         super().power_on(t)
-        fine = round(self.specimen.odr_error / FINE_STEP)
-        self.values[INTERNAL_FREQ_FINE] = max(-128, min(fine, 127)) & 0xFF
+        fine = round(self.specimen.odr_error / self.FINE_STEP)
+        self.values[self.RATE_CALIBRATION] = max(-128, min(fine, 127)) & 0xFF
 
     @property
     def gyro_lsb(self) -> float:
         """Resolution of the gyro at the current range, rad/s per LSB."""
         return rad_per_lsb(GYRO_4000_DPS_PER_LSB) if self.values[CTRL2_G] & 1 else super().gyro_lsb
+
+    def _is_set(self, flag: tuple[int, int]) -> bool:
+        """Return True if a (register, bit) is set."""
+        return bool(self.values[flag[0]] & flag[1])
 
     def _clear_fifo(self) -> None:
         """Empty the FIFO."""
@@ -124,7 +134,7 @@ class Lsm6dso(Lsm6ds33):
         elif register == FIFO_CTRL4:
             if self.values[FIFO_CTRL4] & 7 == _BYPASS_MODE:
                 self._clear_fifo()
-        elif register == CTRL10_C and not self.values[CTRL10_C] & _TIMESTAMP_EN:
+        elif register == self.TIMESTAMP_ENABLE[0] and not self._is_set(self.TIMESTAMP_ENABLE):
             self._timestamp_zero = t
 
     def _measure_until(self, t: float) -> None:
@@ -133,7 +143,7 @@ class Lsm6dso(Lsm6ds33):
         for sample in clock.samples_until(t):
             previous = self._sample
             when, self._sample, self._temperature = sample
-            if self.values[MD1_CFG] & _INT1_WU and self.values[TAP_CFG2] & _INTERRUPTS_ENABLE:
+            if self.values[MD1_CFG] & _INT1_WU and self._is_set(self.INTERRUPTS_ENABLE):
                 self._detect_wake_up(previous)
             gyro_hold, accel_hold = self._hold_ticks
             tick = self._sample_count
@@ -150,9 +160,9 @@ class Lsm6dso(Lsm6ds33):
 
     def _timestamp(self, t: float) -> int:
         """Return the timestamp counter at t, in ticks of the chip's own clock."""
-        if not self.values[CTRL10_C] & _TIMESTAMP_EN:
+        if not self._is_set(self.TIMESTAMP_ENABLE):
             return 0
-        rate = TICKS_PER_SECOND * (1 + self.specimen.odr_error)
+        rate = self.TICKS_PER_SECOND * (1 + self.specimen.odr_error)
         return int((t - self._timestamp_zero) * rate) & 0xFFFFFFFF
 
     def _store_sample(self, when: float) -> None:
@@ -170,14 +180,14 @@ class Lsm6dso(Lsm6ds33):
             words.append((TAG_TIMESTAMP, self._timestamp(when).to_bytes(4, "little") + bytes(2)))
         for sensor, data in words:
             tag = sensor << 3 | self._tag_count << 1
-            self._append_word(mode, bytes([tag | tag.bit_count() & 1]) + data)
+            self._append_word(mode, bytes([tag | (tag.bit_count() & 1 if self.HAS_PARITY else 0)]) + data)
 
     _slot_time = 0.0
 
     def _append_word(self, mode: int, word: bytes) -> None:
         """Append a word to the FIFO."""
         fifo = self._fifo
-        if len(fifo) == FIFO_WORDS * WORD_BYTES:
+        if len(fifo) == self.FIFO_WORDS * WORD_BYTES:
             self.fifo_dropped += 1
             self._overrun = True
             if mode == _FIFO_MODE:
@@ -205,11 +215,15 @@ class Lsm6dso(Lsm6ds33):
     def read_register(self, t: float, register: int) -> int:
         """Return one byte, and apply the side effects of the read."""
         self._measure_before_read(t, register)
-        if register in (FIFO_STATUS1, FIFO_STATUS1 + 1):
+        if register in (self.FIFO_STATUS, self.FIFO_STATUS + 1):
             words = len(self._fifo) // WORD_BYTES
-            if register == FIFO_STATUS1:
+            if register == self.FIFO_STATUS:
                 return words & 0xFF
-            return words >> 8 & 3 | (0x48 if self._overrun else 0) | (0x20 if words >= FIFO_WORDS - 3 else 0)
+            return (
+                words >> 8 & 3
+                | (0x48 if self._overrun else 0)
+                | (0x20 if words >= self.FIFO_WORDS - 3 else 0)
+            )
         if FIFO_TAG <= register <= FIFO_LAST:
             # The last byte of a word removes it.
             byte = self._fifo[register - FIFO_TAG] if self._fifo else 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import IntEnum
 
-from hubodo.ingest.node.chip_identities import HIGH_G_BY_IDENTITY, IMU_BY_WHO_AM_I, MAG_BY_IDENTITY
+from hubodo.ingest.node.chip_identities import HIGH_G_BY_IDENTITY, MAG_BY_IDENTITY, imu_chip
 from hubowire.messages import Hello, Part
 
 
@@ -49,6 +49,6 @@ def part_name(address: int, who_am_i: int, number: int) -> str:
     """Return the name of a chip of `Hello.parts`, or "unknown"."""
     if number in set(Part):
         return Part(number).name
-    chip = IMU_BY_WHO_AM_I.get(who_am_i)
+    chip = imu_chip(address, who_am_i)
     others = MAG_BY_IDENTITY | HIGH_G_BY_IDENTITY
     return others.get((address, who_am_i), "unknown") if chip is None else chip.name

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 
 from hubodo.earth import STANDARD_GRAVITY
-from hubodo.ingest.node.chip_identities import IMU_BY_WHO_AM_I
+from hubodo.ingest.node.chip_identities import imu_chip
 from hubowire.messages import Hello, Part
 
 # Noise densities of gyro and accelerometer from the data sheets: mdeg/s/√Hz and µg/√Hz.
@@ -32,6 +32,6 @@ def sample_noise(hello: Hello) -> tuple[float, float]:
 
 def _densities(row: tuple[int, ...]) -> tuple[float, float] | None:
     """Return the noise densities of a chip on the bus; None unless it is a known IMU."""
-    _, who_am_i, part = row
-    chip = None if part else IMU_BY_WHO_AM_I.get(who_am_i)
+    address, who_am_i, part = row
+    chip = None if part else imu_chip(address, who_am_i)
     return _DENSITIES.get(part) if chip is None else (chip.gyro_density, chip.accel_density)

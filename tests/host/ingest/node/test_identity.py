@@ -39,6 +39,11 @@ def test_a_chip_without_a_part_is_known_by_its_identity_with_the_noise_of_its_da
     assert unknown_gyro > gyro and unknown_accel > accel
 
 
+def test_an_lsm6dsv_and_an_mpu6500_with_the_same_identity_differ_by_their_addresses() -> None:
+    parts = hello_metadata(hello(parts=((0x68, 0x70, 0), (0x6A, 0x70, 0), (0x6B, 0x73, 0))))["parts"]
+    assert parts == ("0x68 who_am_i 0x70 unknown; 0x6a who_am_i 0x70 LSM6DSV; 0x6b who_am_i 0x73 LSM6DSV320X")
+
+
 def test_equal_firmware_is_no_warning() -> None:
     assert describe_firmware_difference({}) is None
     assert describe_firmware_difference({"left": (1, 4, 2), "right": (1, 4, 2)}) is None
