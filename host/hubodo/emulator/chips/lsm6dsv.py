@@ -37,7 +37,7 @@ WAKE_STEP_G = 7.8125e-3
 _LARGEST_WAKE_STEP_G = 0.25
 _MOST_RATE_CODE = 12
 
-_READ_ONLY_REGISTERS = {
+_STATUS_AND_DATA = {
     WHO_AM_I: "WHO_AM_I", 0x1A: "CTRL_STATUS", FIFO_STATUS1: "FIFO_STATUS1", 0x1C: "FIFO_STATUS2",
     0x1D: "ALL_INT_SRC", STATUS: "STATUS_REG", 0x1F: "RESERVED", 0x44: "UI_STATUS_REG_OIS",
     WAKE_UP_SRC: "WAKE_UP_SRC", 0x46: "TAP_SRC", 0x47: "D6D_SRC", INTERNAL_FREQ: "INTERNAL_FREQ",
@@ -82,7 +82,7 @@ REGISTERS: dict[int, Register] = {
     MD1_CFG: Register("MD1_CFG", 0x00, 0xFF),
     0x5F: Register("MD2_CFG", 0x00, 0xFF),
     0x62: Register("HAODR_CFG", 0x00, 0x03),
-    **{address: Register(name) for address, name in _READ_ONLY_REGISTERS.items()},
+    **{address: Register(name) for address, name in _STATUS_AND_DATA.items()},
 }
 
 
