@@ -23,11 +23,15 @@ class Follower:
         self._page, self._metrics = page, metrics
 
     def follow(self) -> None:
-        """Read the live page until it ends."""
-        with connect(f"ws://127.0.0.1:{self._page}/live", max_size=None) as live:
+        """Read the live page until it ends; repeat a handshake that a busy computer did not answer."""
+        while True:
             try:
-                for _ in live:
-                    self.frames += 1
+                with connect(f"ws://127.0.0.1:{self._page}/live", max_size=None) as live:
+                    for _ in live:
+                        self.frames += 1
+                return
+            except TimeoutError:
+                continue
             except ConnectionClosed:
                 return
 
