@@ -280,6 +280,10 @@ def _add_turns(
     notes.extend((*nonlinear, *calibration.dropped))
     if calibration.deficit:
         notes.append(f"left out: {calibration.deficit}")
+    notes.append(
+        "the scale of the gyros is relative to the clock of the log: times that run 1 % fast make it 1 % too "
+        "high"
+    )
     determined = (
         "scale and all six misalignments"
         if calibration.is_observable.all()

@@ -16,6 +16,7 @@ from hubodo.recording import Table
 from hubodo.sensors.imu.calibrate import calibrate_imu
 from hubodo.sensors.imu.result import ImuCalibration
 from hubodo.sensors.imu.scalar_calibration import Convention
+from hubodo.sensors.imu.unit_change import check_one_unit
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,10 @@ def calibrate_node_imu(
     a single axis, CalibrationError if the poses do not suffice.
     """
     where = f"{log}, node {node}"
+    try:
+        check_one_unit(table.t, table.gyro, table.accel)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
     check_node_units(table, where, stated)
     rate = options.table_rate_deg_s
     result = calibrate_imu(
