@@ -6,6 +6,7 @@ from time import ticks_us
 import reports
 from bias_initialiser import MIN_SAMPLES
 from framing import PAYLOAD
+from micropython import const
 from wire import (
     ACK,
     ACK_FORMAT,
@@ -35,6 +36,9 @@ from wire import (
     TIME_REQUEST,
     TIME_REQUEST_SIZE,
 )
+
+_UPDATE_START = const(0x49)
+"""UPDATE_START of `wire_update.py`, which is loaded with the first of these requests alone."""
 
 
 class Commands:
@@ -74,6 +78,10 @@ class Commands:
             set_config.set_config(node, seq, key, value)
         elif request == REBOOT and size >= REBOOT_SIZE:
             self._reboot(seq, raw[PAYLOAD])
+        elif request == _UPDATE_START:
+            import update
+
+            update.start(node, frame)
         elif request in (TIME_REQUEST, BIAS_INIT, SET_CONFIG, REBOOT):
             self.nack(request, seq, REASON_BAD_VALUE, size)
         else:

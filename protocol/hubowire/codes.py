@@ -120,3 +120,16 @@ class Fault(IntEnum):
     LOW_BATTERY = 16
     POLLED_TOO_FAST = 32
     ASLEEP = 64
+
+
+class UpdateStatus(IntEnum):
+    """States of an update; from NO_KEY on it is refused or has failed, and the old firmware stays."""
+
+    IDLE = 0
+    CHECKING = 1
+    WAITING = 2
+    COMPLETE = 3
+    NO_KEY = 4
+    CABLE_ONLY = 5
+    DAMAGED = 6
+    NOT_STORED = 7

@@ -19,6 +19,7 @@ from hubowire.codes import Part as Part
 from hubowire.codes import Reason as Reason
 from hubowire.codes import RebootMode as RebootMode
 from hubowire.codes import ResetCause as ResetCause
+from hubowire.codes import UpdateStatus as UpdateStatus
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,6 +261,18 @@ class HighG(Message):
 
 
 @dataclass(frozen=True, slots=True)
+class UpdateState(Message):
+    """Progress of an update of the firmware. The three messages of an update are the same in all versions."""
+
+    type_id: ClassVar[int] = 0x0B
+    status: int = declare_field("B", "UpdateStatus")
+    slot: int = declare_field("B", "slot that does not run: 0 is /fw_a, 1 is /fw_b")
+    mpy: int = declare_field("H", "sys.implementation._mpy of the node: version and processor of its files")
+    file: int = declare_field("H", "number of the file that is checked or awaited; 0 is the list of files")
+    offset: int = declare_field("I", "offset of the awaited piece in the file", unit="B")
+
+
+@dataclass(frozen=True, slots=True)
 class TimeRequest(Message):
     """Request of the time of the node clock."""
 
@@ -320,8 +333,30 @@ class GetHello(Message):
     type_id: ClassVar[int] = 0x48
 
 
-NodeMessage = Hello | ImuBatch | Mag | Filter | Health | Ack | Nack | TimeReply | Signal | HighG
-HostMessage = TimeRequest | Ping | SetConfig | Start | Stop | BiasInit | Reboot | GetHello
+@dataclass(frozen=True, slots=True)
+class UpdateStart(Message):
+    """Start or continuation of an update of the firmware, answered by UpdateState."""
+
+    type_id: ClassVar[int] = 0x49
+    slot: int = declare_field("B", "slot to write: the one that does not run; otherwise only a query")
+    size: int = declare_field("I", "size of the list of files; 0: only a query", unit="B")
+    digest: bytes = declare_field("32s", "SHA-256 of the list of files")
+
+
+@dataclass(frozen=True, slots=True)
+class UpdatePiece(Message):
+    """A piece of a file, answered by UpdateState; ignored unless it is the awaited one."""
+
+    type_id: ClassVar[int] = 0x4A
+    file: int = declare_field("H", "number of the file, 0 is the list of files")
+    offset: int = declare_field("I", "offset in the file", unit="B")
+    data: tuple[tuple[int, ...], ...] = declare_field("B[]", "bytes of the file", default=())
+
+
+NodeMessage = Hello | ImuBatch | Mag | Filter | Health | Ack | Nack | TimeReply | Signal | HighG | UpdateState
+HostMessage = (
+    TimeRequest | Ping | SetConfig | Start | Stop | BiasInit | Reboot | GetHello | UpdateStart | UpdatePiece
+)
 AnyMessage = NodeMessage | HostMessage
 """Union of all messages that `decode` returns, so that the type checker verifies an exhaustive `match`."""
 
@@ -340,6 +375,7 @@ ENUMS: tuple[type[IntEnum], ...] = (
     RebootMode,
     BatchFlag,
     Fault,
+    UpdateStatus,
 )
 ANY_NODE = 0
 """Node id of a request to any node that receives it; no node has this id."""

@@ -84,8 +84,22 @@ PAYLOADS = {
     "BiasInit": (("samples", 2, False, 1),),
     "Reboot": (("mode", 1, False, 1),),
     "GetHello": (),
+    "UpdateState": (
+        ("status", 1, False, 1),
+        ("slot", 1, False, 1),
+        ("mpy", 2, False, 1),
+        ("file", 2, False, 1),
+        ("offset", 4, False, 1),
+    ),
+    "UpdateStart": (("slot", 1, False, 1), ("size", 4, False, 1), ("digest", 0, False, 32)),
+    "UpdatePiece": (("file", 2, False, 1), ("offset", 4, False, 1)),
 }
-TABLES = {"Hello": ("parts", 1, False), "ImuBatch": ("samples", 2, True), "HighG": ("samples", 2, True)}
+TABLES = {
+    "Hello": ("parts", 1, False),
+    "ImuBatch": ("samples", 2, True),
+    "HighG": ("samples", 2, True),
+    "UpdatePiece": ("data", 1, False),
+}
 
 
 def payload(message: str, values: dict) -> bytes:

@@ -58,7 +58,7 @@ def test_a_new_message_is_one_class_one_line_and_generated_files_and_no_other_te
     before = run(copy, "-c", "import hubowire; print(f'{hubowire.FINGERPRINT:08x}')").strip()
     table = copy / "protocol" / "hubowire" / "messages.py"
     replace_once(table, "\nNodeMessage =", MESSAGE)
-    replace_once(table, " | Signal | HighG\n", " | Signal | HighG | Humidity\n")
+    replace_once(table, " | HighG | UpdateState\n", " | HighG | UpdateState | Humidity\n")
     run(copy, "tools/gen_wire.py")
     assert "HUMIDITY = const(0x3E)" in (copy / "firmware" / "wire.py").read_text("utf-8")
     page = (copy / "protocol" / "README.md").read_text("utf-8")

@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[2]
 @pytest.fixture(scope="module")
 def node_names() -> dict:
     names: dict = {}
-    for file in ("wire.py", "wire_more.py"):
+    for file in ("wire.py", "wire_more.py", "wire_update.py"):
         text = (ROOT / "firmware" / file).read_text()
         exec(text.replace("from micropython import const", "const = int"), names)
     return names
@@ -39,8 +39,10 @@ def test_the_check_names_a_stale_file_in_one_line(monkeypatch, tmp_path, capsys)
     stale = tmp_path / "wire.py"
     stale.write_text(gen_wire.wire_module().replace("HELLO = const(0x01)", "HELLO = const(0x09)"))
     monkeypatch.setattr(gen_wire, "WIRE", stale)
-    monkeypatch.setattr(gen_wire, "WIRE_MORE", tmp_path / "wire_more.py")
-    (tmp_path / "wire_more.py").write_text(gen_wire.wire_more_module())
+    for name in ("WIRE_MORE", "WIRE_UPDATE"):
+        path = getattr(gen_wire, name)
+        monkeypatch.setattr(gen_wire, name, tmp_path / path.name)
+        (tmp_path / path.name).write_text(path.read_text())
     monkeypatch.setattr(gen_wire, "ROOT", tmp_path)
     monkeypatch.setattr(gen_wire, "README", tmp_path / "README.md")
     empty = "".join(

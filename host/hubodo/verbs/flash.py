@@ -1,4 +1,4 @@
-"""`hubodo flash`: compile the firmware, install it on one or more boards, and verify what runs."""
+"""`hubodo flash`: compile the firmware, install it by cable or by the node's link, and verify what runs."""
 
 import argparse
 from dataclasses import dataclass
@@ -21,22 +21,26 @@ from hubodo.flash.fleet import (
 from hubodo.flash.image import firmware_folder
 from hubodo.flash.install import FlashedBoard, RolledBackBoard, install_firmware, roll_back
 from hubodo.flash.order import SettingsOrder, parse_node_id, parse_settings
+from hubodo.flash.over_air import UpdatedNode, update_over_air
 from hubodo.ingest.link.keys import KeyRing
+from hubodo.ingest.link.ports import BLE_KIND, attach_keys, parse_port
 from hubodo.terminal import SafeConsole
 from hubowire import node_name
 
 EXAMPLE = (
     "hubodo flash /dev/ttyACM0 --node left\n  hubodo flash --all --fleet fleet.toml\n"
     "  hubodo flash /dev/ttyACM0 --set link=udp --set ssid=net --set password=... --set host=laptop.local "
-    "--key-file keys.toml\n  hubodo flash /dev/ttyACM0 --roll-back"
+    "--key-file keys.toml\n  hubodo flash /dev/ttyACM0 --roll-back\n"
+    "  hubodo flash udp://0.0.0.0:47110 --node left --key-file keys.toml"
 )
+_OVER_AIR = ("udp", BLE_KIND)
 
 
 @dataclass(frozen=True)
 class BoardResult:
     """The result of flashing one board."""
 
-    board: FlashedBoard | RolledBackBoard
+    board: FlashedBoard | RolledBackBoard | UpdatedNode
 
     def as_json(self) -> dict[str, Any]:
         """Return the JSON result."""
@@ -92,7 +96,12 @@ class FleetResult:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `hubodo flash`."""
-    parser.add_argument("ports", nargs="*", metavar="PORT", help="serial devices of boards")
+    parser.add_argument(
+        "ports",
+        nargs="*",
+        metavar="PORT",
+        help="serial devices of boards; udp://HOST:PORT (listen) or ble://NAME: a running node with a key",
+    )
     parser.add_argument("--all", action="store_true", help="all USB ports that may belong to a board")
     parser.add_argument(
         "--fleet",
@@ -100,7 +109,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="TOML",
         help='names of the boards: [nodes] with lines serial = "left"; others are skipped',
     )
-    parser.add_argument("--node", help="left, right, frame or a number from 1 to 254 (default: unchanged)")
+    parser.add_argument(
+        "--node",
+        help="left, right, frame or a number from 1 to 254 (default: unchanged); over Wi-Fi or "
+        "Bluetooth: which node",
+    )
     parser.add_argument("--rate-hz", type=int, help="sample rate (default: unchanged)")
     parser.add_argument(
         "--set",
@@ -145,6 +158,8 @@ def run(args: argparse.Namespace) -> BoardResult | FleetResult:
     """
     if bool(args.ports) == args.all:
         raise InputError("name ports such as /dev/ttyACM0, or --all for every board that is plugged in")
+    if any(text.startswith(tuple(f"{kind}://" for kind in _OVER_AIR)) for text in args.ports):
+        return _update_node(args)
     fleet = read_fleet(args.fleet) if args.fleet is not None else None
     is_fleet = args.all or len(args.ports) > 1 or fleet is not None
     order = _order(args, is_fleet)
@@ -160,6 +175,25 @@ def run(args: argparse.Namespace) -> BoardResult | FleetResult:
         if not is_fleet:
             return BoardResult(flash(args.ports[0]))
         return FleetResult(flash_each(ports, flash))
+
+
+def _update_node(args: argparse.Namespace) -> BoardResult:
+    """Update one node by its link, which the port names."""
+    if len(args.ports) > 1 or args.fleet is not None:
+        raise InputError("over Wi-Fi or Bluetooth nodes are flashed one by one: give one port, and --node")
+    if args.roll_back or args.set or args.calibration is not None or args.rate_hz is not None:
+        raise InputError(
+            f"{args.ports[0]}: over Wi-Fi and Bluetooth the firmware alone is flashed; change settings with "
+            "`hubodo node PORT set`, or by USB, and roll back by USB"
+        )
+    if args.key_file is None:
+        raise InputError(
+            f"{args.ports[0]}: give the --key-file of `hubodo flash` by USB; without a key a node refuses"
+        )
+    port = attach_keys(parse_port(args.ports[0]), args.key_file, insecure=())
+    node_id = None if args.node is None else parse_node_id(args.node)
+    with SafeConsole(stderr=True).status("searching for the node") as status:
+        return BoardResult(update_over_air(port, node_id, firmware_folder(), status.update))
 
 
 def _order(args: argparse.Namespace, is_fleet: bool) -> SettingsOrder:

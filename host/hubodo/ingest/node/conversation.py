@@ -35,6 +35,9 @@ from hubowire.messages import (
     Reason,
     Reboot,
     RebootMode,
+    UpdatePiece,
+    UpdateStart,
+    UpdateState,
 )
 
 _POLL_TIMEOUT_S = 0.05
@@ -57,7 +60,8 @@ class PortGone(LinkError):
 class Conversation:
     """A dialogue with one node on a port; a context manager.
 
-    hello, health, filter: the newest messages of these types from the node.
+    hello, health, filter: the newest messages of these types from the node. any_version: True while the
+    `Hello` of a node with another message table is ignored instead of raising WireMismatch.
     """
 
     def __init__(self, port: PortName, baud: int, node_id: int | None = None) -> None:
@@ -69,6 +73,7 @@ class Conversation:
         self.hello: Hello | None = None
         self.health: Health | None = None
         self.filter: Filter | None = None
+        self.any_version = False
         self._port, self._baud = port, baud
         self._finder = DeviceFinder(port)
         self._transport: Transport | None = open_transport(port, self._finder, baud)
@@ -87,12 +92,11 @@ class Conversation:
     ) -> None:
         self._close()
 
-    def identify(self) -> Hello:
-        """Wait for a frame of the node, then request and return its Hello.
+    def find(self) -> None:
+        """Wait for a frame of the node.
 
         Nothing must be sent to a node during its boot, so nothing is sent before its first frame. Raises
-        LinkError when no frame is received; InputError when several nodes are received and none was chosen;
-        WireMismatch when the node was built from another message table.
+        LinkError when no frame is received; InputError when several nodes are received and none was chosen.
         """
         self._wait(lambda: self._is_received(), _FIRST_FRAME_TIMEOUT_S)
         if self.node_id is None:
@@ -105,6 +109,13 @@ class Conversation:
         if self.node_id is None:
             self.node_id = next(iter(self._received_ids))
             self._request_encoder = RequestEncoder(self.node_id)
+
+    def identify(self) -> Hello:
+        """Wait for a frame of the node, then request and return its Hello.
+
+        Raises as `find` does, and WireMismatch when the node was built from another message table.
+        """
+        self.find()
         hellos: list[Hello] = []
 
         def collect_hello(frame: Frame, reply: AnyMessage) -> None:
@@ -147,6 +158,38 @@ class Conversation:
             raise LinkError(f"{self._port.text}: no answer to {name}; is the node still connected?")
         if isinstance(answers[0], Nack):
             raise _refusal_error(self._port.text, name, answers[0])
+
+    def ask(
+        self,
+        message: UpdateStart | UpdatePiece | None,
+        timeout_s: float,
+        is_new: Callable[[UpdateState], bool] = lambda state: True,
+    ) -> UpdateState | None:
+        """Send a message of an update, if any; return the first new state, None without one in time.
+
+        A lost port is opened again. Raises NodeRefused when the firmware of the node has no updates.
+        """
+        states: list[UpdateState] = []
+        refusals: list[Nack] = []
+
+        def collect(frame: Frame, reply: AnyMessage) -> None:
+            if isinstance(reply, UpdateState) and is_new(reply):
+                states.append(reply)
+            elif isinstance(reply, Nack) and reply.request == UpdateStart.type_id:
+                refusals.append(reply)
+
+        try:
+            if self._transport is None:
+                self._transport = open_transport(self._port, self._finder, self._baud)
+            if message is not None:
+                self._send(message)
+            self._wait(lambda: bool(states or refusals), timeout_s, collect)
+        except LinkError:
+            self._close()
+            time.sleep(_REOPEN_INTERVAL_S)
+        if refusals:
+            raise _refusal_error(self._port.text, UpdateStart.__name__, refusals[0])
+        return states[0] if states else None
 
     def set_node_id(self, node_id: int) -> None:
         """Address the node by another id from now on."""
@@ -232,6 +275,8 @@ class Conversation:
         try:
             if frame.type_id == Hello.type_id and self.node_id is not None:
                 fingerprint, version = hello_identity(frame.payload)
+                if fingerprint != FINGERPRINT and self.any_version:
+                    return None
                 if fingerprint != FINGERPRINT:
                     raise WireMismatch(
                         f"{self._port.text}: the node speaks {fingerprint:08x} (firmware "

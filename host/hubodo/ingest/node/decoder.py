@@ -58,6 +58,9 @@ from hubowire.messages import (
     Stop,
     TimeReply,
     TimeRequest,
+    UpdatePiece,
+    UpdateStart,
+    UpdateState,
 )
 
 _HELLO_HEADER = struct.Struct("<I3B")  # fingerprint and version: the same in every message table
@@ -364,6 +367,8 @@ class NodeDecoder:
                 return  # handled before
             case TimeRequest() | Ping() | SetConfig() | Start() | Stop() | BiasInit() | Reboot() | GetHello():
                 return  # sent by another host on a shared line
+            case UpdateState() | UpdateStart() | UpdatePiece():
+                return  # between `hubodo flash` and the node
             case _:
                 assert_never(message)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 from hubowire import ANY_NODE, Frame, Message, encode, encode_frame
-from hubowire.messages import GetHello, Reason
+from hubowire.messages import GetHello, Reason, UpdatePiece
 
 _REASON_TEXTS = {
     Reason.UNKNOWN_MESSAGE: "its firmware does not support the request; flash it with `hubodo flash`",
@@ -40,7 +40,8 @@ class RequestEncoder:
     def encode_request(self, message: Message) -> tuple[int, bytes]:
         """Return the sequence number and the bytes of a request, preceded by a delimiter."""
         payload = encode(message)
-        for _ in range(_MAX_SEQUENCE_ATTEMPTS):
+        # The bytes of a file may be any; they go to a running node, by packets.
+        for _ in range(1 if isinstance(message, UpdatePiece) else _MAX_SEQUENCE_ATTEMPTS):
             self._seq = (self._seq + 1) & 0xFFFF
             data = encode_frame(Frame(message.type_id, self._to, self._seq, payload))
             if _CTRL_C_BYTE not in data:
