@@ -2,7 +2,7 @@
 
 from micropython import const
 
-FINGERPRINT = const(0x4A15D8CF)
+FINGERPRINT = const(0x8BFF964C)
 
 HEADER_FORMAT = "<BBH"
 HEADER_SIZE = const(4)

@@ -350,7 +350,7 @@ class UpdatePiece(Message):
     type_id: ClassVar[int] = 0x4A
     file: int = declare_field("H", "number of the file, 0 is the list of files")
     offset: int = declare_field("I", "offset in the file", unit="B")
-    data: tuple[tuple[int, ...], ...] = declare_field("B[]", "bytes of the file", default=())
+    data: tuple[tuple[int, ...], ...] = declare_field("1B[]", "bytes of the file", default=())
 
 
 NodeMessage = Hello | ImuBatch | Mag | Filter | Health | Ack | Nack | TimeReply | Signal | HighG | UpdateState

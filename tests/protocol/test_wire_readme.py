@@ -53,7 +53,7 @@ def test_the_fingerprint_follows_from_the_page_alone():
         lines.append(f"message {code} {name}")
         for field, words, scale, unit in rows:
             base, count, repeats = split_type(words)
-            type_code = f"{count if count > 1 else ''}{LETTERS[base]}{'[]' if repeats else ''}"
+            type_code = f"{count if '[' in words else ''}{LETTERS[base]}{'[]' if repeats else ''}"
             lines.append(f"{field} {type_code} {scale} {unit}")
     for name, text in re.findall(r"^\*\*(\w+)\*\*: (.*)$", PAGE, re.M):
         if name in {enum.__name__ for enum in ENUMS}:

@@ -7,6 +7,7 @@ import socket
 import threading
 
 import pytest
+from test_flash_cut import REPORT_MODULES, apply, comes_up_as, flash, lay
 
 from hubodo.cli import main
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host
@@ -15,7 +16,6 @@ from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.image import build_image, firmware_folder
 from hubodo.flash.slots import MAIN
 from hubodo.ingest.link.keys import KeyRing
-from test_flash_cut import REPORT_MODULES, apply, comes_up_as, flash, lay
 from waiting import until
 
 pytestmark = pytest.mark.real_time
@@ -222,5 +222,5 @@ def test_a_node_without_a_key_refuses_and_without_a_key_file_nothing_is_sent(
     with here.node() as node:
         until(lambda: node.stats["t"] > 1)
         assert main(["flash", here.port, *here.words()]) == 1
-        assert "key" in capfd.readouterr().err
+        assert "without a key); is the key file that of the node?" in capfd.readouterr().err
     assert sorted(p for p in here.folder.rglob("*") if p.name != "config.json") == before

@@ -232,6 +232,10 @@ class Conversation:
         if self._received_ids:
             ids = ", ".join(map(str, sorted(self._received_ids)))
             return f"node {self.node_id} is not received; received: {ids}"
+        refused = self._transport.refused if self._transport is not None else None
+        if not self._byte_count and refused:
+            causes = ", ".join(f"{count} {cause}" for cause, count in refused.items())
+            return f"no packet is authentic ({causes}); is the key file that of the node?"
         if not self._byte_count:
             return f"no data for {_FIRST_FRAME_TIMEOUT_S:.0f} s; is the node powered and its program running?"
         return describe_foreign_bytes(bytes(self._first_bytes), self._byte_count)
