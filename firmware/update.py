@@ -60,12 +60,12 @@ def start(node, frame):
     update = Update(node)
     slot, size, digest = struct.unpack_from(UPDATE_START_FORMAT, frame.raw, PAYLOAD)
     if update.status == UPDATE_STATUS_IDLE and size and slot == update.slot:
-        update.begin(size, hexlify(digest))
+        update.prepare(size, hexlify(digest))
     update.reply()
 
 
 class Update:
-    """One update; from `begin` on it executes requests and duties of the node, until that restarts."""
+    """One update; from `prepare` on it executes requests and duties of the node, until that restarts."""
 
     def __init__(self, node):
         self._node = node
@@ -87,9 +87,9 @@ class Update:
         self._list_digest = b""
         self._list: Any = None
         self._out: Any = None
-        self._due_ms = 0
+        self._due_ms = ticks_ms()
 
-    def begin(self, size, digest):
+    def prepare(self, size, digest):
         """Stop sampling for good, and continue with the list of files where it is stored already."""
         node = self._node
         node.stop()

@@ -124,7 +124,7 @@ def begun(node, files=FILES):
     return node
 
 
-def test_files_are_taken_in_order_the_stale_one_goes_and_main_py_is_replaced_last(disk):
+def test_files_come_in_order_the_stale_one_goes_and_main_py_is_replaced_last(disk):
     node = FakeNode()
     (query,) = node.request(UpdateStart(0, 0, bytes(32)))
     assert (query.status, query.slot) == (S.IDLE, 1) and not node.stopped

@@ -90,7 +90,7 @@ class HostileNetwork:
             if len(self._stored) % 20 == 0:
                 self.socket.sendto(self._stored[len(self._stored) // 2], node)
                 self.socket.sendto(data[9:-8], node)
-                self.socket.sendto(data[:40] + bytes([data[40] ^ 1]) + data[41:], node)
+                self.socket.sendto(data[:12] + bytes([data[12] ^ 1]) + data[13:], node)
 
     def stop(self):
         self.ended = True

@@ -18,11 +18,11 @@ from hubodo.ingest.node.conversation import Conversation
 from hubowire.budget import UART_BAUD
 from hubowire.messages import Hello, UpdatePiece, UpdateStart, UpdateState, UpdateStatus
 
-_PIECE_BYTES = 235
+_UPDATE_BYTES = 235
 """Data of a piece: the largest frame that fits a datagram."""
-_BLE_PIECE_BYTES = 100
+_BLE_UPDATE_BYTES = 100
 """Data of a piece by Bluetooth: a sealed packet of 133 bytes, for an MTU of 136 or more."""
-_ANSWER_TIMEOUT_S = 0.4
+_STATE_TIMEOUT_S = 0.4
 _SILENCE_TIMEOUT_S = 30.0
 """Longest silence; a node hashes its files in up to 2 s, and joins its network again in up to 20 s."""
 _RESTART_TIMEOUT_S = 60.0
@@ -139,7 +139,7 @@ class _Update:
         self, node: Conversation, port: PortName, folder: Path, report_progress: Callable[[str], None]
     ) -> None:
         self._node, self._port, self._report_progress = node, port, report_progress
-        self._piece_bytes = _BLE_PIECE_BYTES if port.kind == BLE_KIND else _PIECE_BYTES
+        self._piece_bytes = _BLE_UPDATE_BYTES if port.kind == BLE_KIND else _UPDATE_BYTES
         self.sent: set[int] = set()
         self.n_repeated = 0
         state = self._query()
@@ -155,7 +155,7 @@ class _Update:
         acted_on = (-1, -1)
         answered, furthest, n_restarts = time.monotonic(), 0, 0
         while True:
-            state = self._node.ask(message, _ANSWER_TIMEOUT_S, _is_after(acted_on))
+            state = self._node.ask(message, _STATE_TIMEOUT_S, _is_after(acted_on))
             if state is None:
                 if time.monotonic() - answered > _SILENCE_TIMEOUT_S:
                     raise FlashError(
@@ -183,8 +183,8 @@ class _Update:
             furthest = state.file
             if n_restarts > _MAX_RESTARTS:
                 raise FlashError(
-                    f"{self._port.text}: the update began again {n_restarts} times; is the supply of the node "
-                    "stable, and no other computer flashing it? The old firmware stays"
+                    f"{self._port.text}: the update began again {n_restarts} times; is the supply of the "
+                    "node stable, and no other computer flashing it? The old firmware stays"
                 )
 
     def wait_for_restart(self) -> None:
