@@ -1,4 +1,4 @@
-"""Firmware over Wi-Fi through an attacker who loses, doubles, delays and forges packets, and through cuts."""
+"""Firmware over Wi-Fi and Bluetooth: through losses, doubled, late and forged packets, and through cuts."""
 
 import json
 import random
@@ -9,8 +9,12 @@ import threading
 import pytest
 from test_flash_cut import REPORT_MODULES, apply, comes_up_as, flash, lay
 
+from fakes.fake_bluez import FakeBlueZ
 from hubodo.cli import main
+from hubodo.emulator.board.radio_medium import RadioMedium
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host
+from hubodo.emulator.chips.ble_link import BleConditions
+from hubodo.emulator.chips.ble_peripheral import BleAir, BlePeripheral
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.image import build_image, firmware_folder
@@ -129,14 +133,14 @@ class Bench:
         self.config = {"link": "udp", "ssid": "net", "host": "127.0.0.1", "port": self.network.port}
         self.config |= {"rate_hz": 104, "key": key if keyed else ""}
 
-    def node(self):
+    def node(self, **options):
         return VirtualNode(
             StillMotion(),
             Flash(None, self.config, folder=self.folder, journal=self.journal),
             # The interpreter in WebAssembly does not collect garbage.
             board=BoardSettings(model="pico_w", unique_id=SERIAL, heap_bytes=8 << 20),
             clock=Clock("paced"),
-            host=Host("udp"),
+            **{"host": Host("udp")} | options,
         )
 
     def words(self):
@@ -224,3 +228,16 @@ def test_a_node_without_a_key_refuses_and_without_a_key_file_nothing_is_sent(
         assert main(["flash", here.port, *here.words()]) == 1
         assert "without a key); is the key file that of the node?" in capfd.readouterr().err
     assert sorted(p for p in here.folder.rglob("*") if p.name != "config.json") == before
+
+
+@pytest.mark.repeat
+def test_a_node_is_flashed_by_bluetooth(firmwares, bench, monkeypatch, capfd):
+    here = bench()
+    here.config["link"] = "ble"
+    air = BleAir(BleConditions(interval=0.03, loss=0.02), seed=SEED)
+    FakeBlueZ(air, monkeypatch)
+    medium = RadioMedium(open_bluetooth=lambda mac, platform: BlePeripheral(air, mac, platform))
+    with here.node(host=Host("memory"), own_process=False, radio_medium=medium):
+        report = flash("ble://hubodo-1", firmwares[0], monkeypatch, capfd, *here.words())
+    assert air.counts["exchanges lost"] > 5
+    assert MAIN in report["copied"] and here.comes_up_as() == ["new"]
