@@ -38,7 +38,7 @@ from wire import (
 )
 
 _UPDATE_START = const(0x49)
-"""UPDATE_START of `wire_update.py`, which is loaded with the first of these requests alone."""
+"""UPDATE_START of `radio/wire_update.py`, which is loaded with the first of these requests alone."""
 
 
 class Commands:
@@ -79,7 +79,7 @@ class Commands:
         elif request == REBOOT and size >= REBOOT_SIZE:
             self._reboot(seq, raw[PAYLOAD])
         elif request == _UPDATE_START:
-            import update
+            from radio import update
 
             update.start(node, frame)
         elif request in (TIME_REQUEST, BIAS_INIT, SET_CONFIG, REBOOT):

@@ -32,7 +32,7 @@ from hubowire.messages import (  # noqa: E402
 
 WIRE = ROOT / "firmware" / "wire.py"
 WIRE_MORE = ROOT / "firmware" / "wire_more.py"
-WIRE_UPDATE = ROOT / "firmware" / "wire_update.py"
+WIRE_UPDATE = ROOT / "firmware" / "radio" / "wire_update.py"
 README = ROOT / "protocol" / "README.md"
 RARE_MESSAGES = (Signal, HighG)
 """Messages that few nodes send; their names would take memory on all."""

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 
 import pytest
 import real_micropython
-import update
 from commands import Commands
 from framing import PAYLOAD
+from radio import update
 from test_firmware_link_memory import FAKES
 from test_firmware_memory import ROOM
 
@@ -68,7 +68,7 @@ class FakeNode:
         frame = SimpleNamespace(node=1, type_id=message.type_id, seq=7, raw=raw, size=len(payload))
         self.outbox.sent.clear()
         # It unloads itself; the paths of this one are those of the test.
-        sys.modules["update"] = update
+        sys.modules["radio.update"] = update
         self.commands.handle(frame, 0)
         return list(self.outbox.sent)
 
@@ -233,10 +233,11 @@ def test_the_update_fits_the_heap_that_every_choice_leaves(tmp_path):
         "import wire, framing, binascii, hashlib\nresult = []",
         "gc.collect()",
         "before = gc.mem_alloc()",
-        "import update",
+        "from radio import update",
         "gc.collect()",
         "result.append(gc.mem_alloc() - before)",
-        "sys.modules.pop('wire_update')\nclass Node: pass\nnode = Node()\nnode.commands = node.link = None\n"
+        "for name in ('radio', 'radio.wire_update'):\n    sys.modules.pop(name)",
+        "class Node: pass\nnode = Node()\nnode.commands = node.link = None\n"
         "one = update.Update(node)\none._block = bytearray(512)\none._view = memoryview(one._block)",
         "gc.collect()",
         "result.append(gc.mem_alloc() - before)",

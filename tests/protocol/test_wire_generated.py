@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[2]
 @pytest.fixture(scope="module")
 def node_names() -> dict:
     names: dict = {}
-    for file in ("wire.py", "wire_more.py", "wire_update.py"):
+    for file in ("wire.py", "wire_more.py", "radio/wire_update.py"):
         text = (ROOT / "firmware" / file).read_text()
         exec(text.replace("from micropython import const", "const = int"), names)
     return names

