@@ -13,10 +13,8 @@ from virtual_runs import run
 @pytest.mark.parametrize(
     ("model", "chip", "wired"),
     [
-        ("pico", "lsm6dso", True),
-        ("pico", "lsm6ds33", False),
-        ("pico", "lsm6dsv", True),
         ("esp32_s3", "lsm6dso", True),
+        *first_and_more(("pico", "lsm6ds33", False), ("pico", "lsm6dso", True), ("pico", "lsm6dsv", True)),
     ],
 )
 def test_a_parked_node_sleeps_and_loses_no_sample_from_before_its_wake_up(model, chip, wired):

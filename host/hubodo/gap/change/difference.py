@@ -26,7 +26,7 @@ from hubodo.gap.change.joint import (
 from hubodo.gap.judge.hypothesis import Hypothesis
 from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.refit.cross_validation import HeldOutGain, compute_held_out_gain
-from hubodo.gap.refit.refit import Refit, continue_fit, linearise_fit
+from hubodo.gap.refit.refit import Refit, continue_fit, coordinate_slice, linearise_fit
 from hubodo.gap.screen.candidates import Candidate
 from hubodo.gap.screen.evidence import compute_log_evidence
 from hubodo.gap.state.state import State
@@ -229,7 +229,9 @@ def _fit_candidate(pair: LogPair, candidate: Candidate, is_known: bool) -> _Fitt
     fitted = fit_separate(evaluations, separate, pair.tempering, _MAX_CANDIDATE_ITERATIONS)
     logs = [linearise_log(free_all_terms(one), with_candidates=False) for one in fitted.evaluations]
     joint = join_logs(logs[0], logs[1], separate, pair.tempering)
-    indices = [place[_own_slice(log.terms, term)] for place, log in zip(joint.indices, logs, strict=True)]
+    indices = [
+        place[coordinate_slice(log.terms, term)] for place, log in zip(joint.indices, logs, strict=True)
+    ]
     terms = [next(one for one in log.terms if one.key == term.key) for log in logs]
     common, _ = pair.joint.fit_candidate(candidate, is_known)
     return _FittedCandidate(fitted, common, joint.fit(), (terms[0], terms[1]), (indices[0], indices[1]))
@@ -290,7 +292,9 @@ def rejudge_change(pair: LogPair, key: EffectKey, tempering: float) -> Hypothesi
     logs = [linearise_log(free_all_terms(one), with_candidates=False) for one in pair.evaluations]
     joint = join_logs(logs[0], logs[1], pair.separate, pair.tempering)
     terms = [next(one for one in log.terms if one.key == key) for log in logs]
-    indices = [place[_own_slice(log.terms, terms[0])] for place, log in zip(joint.indices, logs, strict=True)]
+    indices = [
+        place[coordinate_slice(log.terms, terms[0])] for place, log in zip(joint.indices, logs, strict=True)
+    ]
     scales = terms[0].effect.coordinate_scales()
     difference = (terms[1].effect.coordinates() - terms[0].effect.coordinates()) / scales
     best = joint.fit()
@@ -298,16 +302,6 @@ def rejudge_change(pair: LogPair, key: EffectKey, tempering: float) -> Hypothesi
     change = difference + best.step[indices[1]] - best.step[indices[0]]
     gain = 0.5 * (common.objective - best.objective)
     return _judge_change(terms, change, indices, gain, (common, best), tempering)
-
-
-def _own_slice(terms: Sequence[ModelTerm], term: ModelTerm) -> slice:
-    first = 0
-    for other in terms:
-        size = len(other.effect.coordinates())
-        if other.key == term.key:
-            return slice(first, first + size)
-        first += size
-    raise KeyError(term.key)
 
 
 def _difference_covariance(covariance: Array, before: Indices, after: Indices) -> Array:
