@@ -28,7 +28,7 @@ class ShownUnit:
     name: str
 
     def number(self, value: float, spec: str) -> str:
-        """Return an SI value in this unit; an SI unit has four digits in place of those of `spec`."""
+        """Return an SI value in this unit, formatted by `spec`; in SI units with four digits."""
         sign = "+" if spec.startswith("+") else ""
         return f"{value:{sign}.4g}" if self.factor == 1.0 else f"{value * self.factor:{spec}}"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hubodo.calibration.file import Calibration
 from hubodo.errors import InputError
@@ -22,9 +22,6 @@ from hubodo.fuse.wheel_odometry import Method, WheelOdometry, compute_wheel_odom
 from hubodo.log.units import check_units
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import Vehicle
-
-if TYPE_CHECKING:
-    pass
 
 SAMPLES_BY_TABLE: Mapping[str, Callable[[Table], SensorSamples]] = {
     "heading": Headings.from_table,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 
@@ -13,18 +14,23 @@ _MIN_COUNT, _MIN_SHAPE_CODES, _MAX_SHAPE_CODES = 400, 5, 60
 """Occurrences of the codes whose widths are compared, and their number."""
 
 
-def missing_codes(values: Array, step: float) -> tuple[int, int]:
-    """Return how many codes are missing, and how many are expected, of a channel (N,) with a known step.
+def count_codes(values: Array, step: float) -> NDArray[np.int64]:
+    """Return the occurrences of each code of a channel (N,), (M,) from the lowest code on.
+
+    step: of the converter, in the unit of the channel. There are none without a step or for too many codes.
+    """
+    span = float(np.ptp(values))
+    if step <= 0.0 or np.rint(span / step) >= _MAX_CODES:
+        return np.zeros(0, np.int64)
+    return np.bincount(np.rint((values - values.min()) / step).astype(np.int64))
+
+
+def missing_codes(counts: NDArray[np.int64]) -> tuple[int, int]:
+    """Return how many codes are missing, and how many are expected, from the occurrences of each, (M,).
 
     A code is expected if both neighbouring levels that do occur have counts far above chance: the noise of a
     stationary sensor passes each code between them. Codes that are as wide as many sigma are not judged.
     """
-    if step <= 0.0:
-        return 0, 0
-    codes = np.rint((values - values.min()) / step).astype(np.int64)
-    if codes.max() >= _MAX_CODES:
-        return 0, 0
-    counts = np.bincount(codes)
     occurring = np.flatnonzero(counts)
     gaps = np.diff(occurring) - 1
     lower = np.minimum(counts[occurring[:-1]], counts[occurring[1:]])
@@ -34,18 +40,12 @@ def missing_codes(values: Array, step: float) -> tuple[int, int]:
     return missing, missing + int(np.count_nonzero(counts > _MIN_EXPECTED_COUNT))
 
 
-def uneven_steps(values: Array, step: float) -> float:
-    """Return the relative differential nonlinearity (rms) of the codes of a channel (N,), 0 if not shown.
+def uneven_steps(counts: NDArray[np.int64]) -> float:
+    """Return the relative differential nonlinearity (rms) from the occurrences, (M,); 0 if not shown.
 
     The noise of a stationary sensor is a smooth density, whose logarithm is a parabola over the codes; what
     the counts deviate from it, beyond their own scatter, are differences of the widths of the codes.
     """
-    if step <= 0.0:
-        return 0.0
-    codes = np.rint((values - values.min()) / step).astype(np.int64)
-    if codes.max() >= _MAX_CODES:
-        return 0.0
-    counts = np.bincount(codes)
     used = np.flatnonzero(counts > _MIN_COUNT)
     if not _MIN_SHAPE_CODES <= len(used) <= _MAX_SHAPE_CODES:
         return 0.0

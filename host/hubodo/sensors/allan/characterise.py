@@ -19,7 +19,7 @@ from hubodo.sensors.allan.noise_change import find_noise_change
 from hubodo.sensors.allan.result import AllanResult
 from hubodo.sensors.allan.sinusoids import Sinusoid, remove_sinusoids
 from hubodo.sensors.bias_step import find_bias_step
-from hubodo.sensors.code_density import missing_codes, uneven_steps
+from hubodo.sensors.code_density import count_codes, missing_codes, uneven_steps
 from hubodo.sensors.even_grid import EvenGrid, Spans, grid_all_samples, place_on_grid
 from hubodo.sensors.imu.quantisation import rounding_sigma
 from hubodo.sensors.standstill_channel import StandstillRecord
@@ -161,8 +161,8 @@ def _write_notes(
             f"total, first from {first:.6g} to {last:.6g} s: cut out and treated as gaps; --as-is keeps them"
         )
     if cause:
-        which = "B, K and R are" if fit.terms["N"].value is not None else "no noise term is"
-        notes.append(f"{cause}: {which} not given".replace("is not", "is"))
+        has_white_noise = fit.terms["N"].value is not None
+        notes.append(f"{cause}: {'B, K and R are not' if has_white_noise else 'no noise term is'} given")
     if coarse:
         notes.append(f"{coarse}: no noise term is given; use a smaller range, or record more bits or digits")
     random_walk = fit.terms["N"].value
@@ -267,13 +267,14 @@ def _describe_coarse_steps(values: Array, channel: str) -> str:
     """
     step = rounding_sigma(values)[1]
     ratio = step / max(float(np.std(np.diff(values))) / math.sqrt(2.0), 1e-300)
-    missing, expected = missing_codes(values, step)
+    counts = count_codes(values, step)
+    missing, expected = missing_codes(counts)
     if missing:
         return (
             f"{missing} of {expected} codes of the converter never occur, so that its steps of "
             f"{_in_common_unit(step, channel)} are uneven"
         )
-    if (unevenness := uneven_steps(values, step)) > _MAX_UNEVENNESS:
+    if (unevenness := uneven_steps(counts)) > _MAX_UNEVENNESS:
         return f"the steps of {_in_common_unit(step, channel)} are uneven by {unevenness:.0%} (1σ)"
     if ratio < _COARSE_STEP_RATIO:
         return ""
