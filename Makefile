@@ -66,7 +66,7 @@ papers: setup        ## results of four papers compared with ours
 	$(BIN)/python tests/papers/avrutov_separation.py
 	$(BIN)/python tests/papers/robert.py
 
-accuracy: setup      ## accuracy over many seeded drives and records; about fifteen minutes
+accuracy: setup      ## accuracy over many seeded drives and records; about seventeen minutes
 	$(BIN)/python tests/accuracy/odometry.py
 	$(BIN)/python tests/accuracy/mixed.py
 	$(BIN)/python tests/accuracy/late_node.py
@@ -77,6 +77,8 @@ accuracy: setup      ## accuracy over many seeded drives and records; about fift
 	$(BIN)/python tests/accuracy/allan_truth.py 40
 	$(BIN)/python tests/accuracy/warmup_forms.py
 	$(BIN)/python tests/accuracy/north_found.py
+	$(BIN)/python tests/accuracy/north_methods.py
+	$(BIN)/python tests/accuracy/stated_inputs.py
 	$(BIN)/python tests/accuracy/heading_rests.py
 	$(BIN)/python tests/accuracy/odd_records.py
 	$(BIN)/python tests/accuracy/poses.py
