@@ -109,7 +109,7 @@ def test_the_gain_of_a_random_walk_matches_its_dense_covariance():
 
 def test_gains_of_outliers_and_clipping_match_drawn_likelihood_ratios():
     rng = np.random.default_rng(11)
-    count, p, size = 2_000_000, 0.01, 4.0
+    count, p, size = 500_000, 0.01, 4.0
     noise = rng.standard_normal(count)
     y = noise + size * rng.standard_normal(count) * (rng.random(count) < p)
     mixture = (1 - p) * norm.pdf(y) + p * norm.pdf(y, scale=np.hypot(1, size))

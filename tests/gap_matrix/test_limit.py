@@ -12,8 +12,8 @@ from gap_matrix.limit.oracle import N_CANDIDATES, SHARED_FALSE_ALARM, SIZE_GRID,
 from gap_matrix.limit.trial import run_trial
 from repetitions import first_and_more
 
-# Development seeds; half a minute at the usual rate.
-SEEDS, DURATION, NAME = (12_900, 12_901), 33.0, "wheel_slip"
+# Development seeds; half a minute at a third of the usual rate.
+SEEDS, DURATION, RATE_HZ, NAME = (12_900, 12_901), 33.0, 30.0, "wheel_slip"
 
 
 def test_thresholds_of_rare_false_alarms_are_accurate_with_few_draws():
@@ -50,7 +50,9 @@ def test_the_false_alarm_is_shared_by_all_names_in_their_scopes():
 
 @pytest.mark.parametrize("seed", first_and_more(*SEEDS))
 def test_an_effect_is_named_above_the_limit_with_the_gain_expected_by_the_oracle(seed):
-    setup = cases.draw_setup(seed, duration=DURATION)
+    setup = cases.resample_nodes(
+        cases.draw_setup(seed, duration=DURATION), RATE_HZ, np.random.default_rng(seed)
+    )
     power = compute_powers(setup, [NAME])[NAME]
     assert power.detected_alone[0] < 0.2
     assert power.detected[-1] > 0.95

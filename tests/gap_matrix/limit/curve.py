@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import brentq
+from scipy.special import log_ndtr
 from scipy.stats import norm
 
 from gap_matrix.world import Array
@@ -46,7 +47,7 @@ def fit_curve(x: Sequence[float], is_detected: Sequence[bool]) -> DetectionCurve
     """Return the posterior mean curve of trials at ln sizes x, detected or not."""
     z = (np.asarray(x)[:, None, None] - _MIDDLE_GRID[:, None]) / _WIDTH_GRID
     detected = np.asarray(is_detected, bool)[:, None, None]
-    log_weights = np.where(detected, norm.logcdf(z), norm.logsf(z)).sum(axis=0)
+    log_weights = log_ndtr(np.where(detected, z, -z)).sum(axis=0)
     log_weights -= 0.5 * ((_MIDDLE_GRID[:, None] - _PRIOR_MIDDLE) / _PRIOR_MIDDLE_SIGMA) ** 2
     log_weights = log_weights - 0.5 * ((np.log(_WIDTH_GRID) - _PRIOR_LN_WIDTH) / _PRIOR_LN_WIDTH_SIGMA) ** 2
     weight = np.exp(log_weights - log_weights.max())

@@ -1,4 +1,4 @@
-"""Fixtures shared by the tests of this folder: logs of 60 s with and without a hidden effect."""
+"""Fixtures shared by the tests of this folder: logs of 40 s with and without a hidden effect."""
 
 import pytest
 
@@ -21,7 +21,7 @@ def camber_case(tmp_path_factory):
 
     def write(folder):
         case = ["wheel_camber"], "strong"
-        (hidden,) = write_case(folder, SEED, *case, scope="right", duration=60.0, rate_hz=50.0)
+        (hidden,) = write_case(folder, SEED, *case, scope="right", duration=40.0, rate_hz=50.0)
         return folder, hidden
 
     return compute_once(tmp_path_factory, "camber-case", write)
@@ -42,7 +42,7 @@ def camber_run(camber_case, tmp_path_factory):
 def clean_log(tmp_path_factory):
     """Return a folder with a log without hidden effects."""
     folder = tmp_path_factory.mktemp("clean_log")
-    write_case(folder, SEED, [], duration=60.0, rate_hz=50.0, vibration=0.0)
+    write_case(folder, SEED, [], duration=40.0, rate_hz=50.0, vibration=0.0)
     return folder
 
 

@@ -50,6 +50,14 @@ yaw_rate = "reference.yaw_rate"
 
 HIDDEN = "[nodes.left.effects.third_harmonic]\namplitude = 0.1\n"
 
+# Both verbs in one process, which imports the package once.
+SIMULATE_AND_SEARCH = """
+import sys
+from hubodo.cli import main
+for words in sys.argv[1].splitlines():
+    assert main(words.split()) == 0, words
+"""
+
 
 @pytest.fixture(scope="module")
 def package(tmp_path_factory: pytest.TempPathFactory) -> PackageCopy:
@@ -64,32 +72,19 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> PackageCopy:
     return copy
 
 
-def run_verb(package: PackageCopy, *arguments: object) -> str:
-    """Run a verb of the copied package and return its output."""
-    return package.run("-m", "hubodo", *arguments)
-
-
 def test_one_class_and_one_line_suffice_to_simulate_an_effect_and_to_find_it(
     package: PackageCopy, tmp_path: Path
 ) -> None:
     (tmp_path / "true.toml").write_text(MODEL + HIDDEN, "utf-8")
     (tmp_path / "model.toml").write_text(MODEL, "utf-8")
-    run_verb(
-        package,
-        "simulate",
-        tmp_path / "true.toml",
-        "--duration",
-        25,
-        "--rate",
-        104,
-        "--seed",
-        2,
-        "-o",
-        tmp_path / "log.mcap",
-    )
-    run_verb(package, "gap", tmp_path / "model.toml", tmp_path / "log.mcap", "-o", tmp_path / "gap")
-    (finding,) = json.loads((tmp_path / "gap" / "gap.json").read_text("utf-8"))["found"]
+    log, output = tmp_path / "log.mcap", tmp_path / "gap"
+    verbs = [
+        f"simulate {tmp_path / 'true.toml'} --duration 25 --rate 52 --seed 2 -o {log}",
+        f"gap {tmp_path / 'model.toml'} {log} -o {output}",
+    ]
+    package.run("-c", SIMULATE_AND_SEARCH, "\n".join(verbs))
+    (finding,) = json.loads((output / "gap.json").read_text("utf-8"))["found"]
     assert (finding["effect"], finding["scope"]) == ("third_harmonic", "left")
     amplitude = finding["parameters"]["amplitude"]
     assert amplitude["value"] == pytest.approx(0.1, abs=4.0 * amplitude["sigma"])
-    assert "third_harmonic" in (tmp_path / "gap" / "model.toml").read_text("utf-8")
+    assert "third_harmonic" in (output / "model.toml").read_text("utf-8")

@@ -24,17 +24,17 @@ from vehicles import vehicle_toml
 
 VEHICLE = vehicle_toml()
 NOISE = "[imu]\ngyro_noise = 0.004\naccel_noise = 0.05\n"
-HIDDEN_LEVER_ARM = "[nodes.left.effects.lever_arm]\nx = 0.12\ny = 0.09\n"
+HIDDEN_LEVER_ARM = "[nodes.left.effects.lever_arm]\nx = 0.04\ny = 0.03\n"
 
 
 @pytest.fixture(scope="module")
 def drive_logs(tmp_path_factory):
-    """Return a folder with vehicle.toml, arm.mcap (IMU 0.15 m off the hub) and sound.mcap, 30 s each."""
+    """Return a folder with vehicle.toml, arm.mcap (IMU 0.05 m off the hub) and sound.mcap, 30 s each."""
     folder = tmp_path_factory.mktemp("watch")
     (folder / "vehicle.toml").write_text(VEHICLE, "utf-8")
     for name, hidden in (("arm", HIDDEN_LEVER_ARM), ("sound", "")):
         (folder / f"{name}.toml").write_text(VEHICLE + NOISE + hidden, "utf-8")
-        options = ["--duration", "30", "--rate", "52", "--seed", "3", "-o", str(folder / f"{name}.mcap")]
+        options = ["--duration", "30", "--rate", "26", "--seed", "3", "-o", str(folder / f"{name}.mcap")]
         with redirect_stdout(io.StringIO()):
             assert main(["simulate", str(folder / f"{name}.toml"), *options]) == 0
     return folder
@@ -56,7 +56,7 @@ def test_a_lever_arm_is_reported_once_and_within_a_minute(drive_logs):
         watch.find_new_effects(read_first_seconds(drive_logs / "arm.mcap", seconds))
         for seconds in (20.5, 23.0, 28.0)
     ]
-    assert messages == [[], ["left: the IMU sits 0.15 m off the hub"], []]
+    assert messages == [[], ["left: the IMU sits 0.05 m off the hub"], []]
 
 
 def test_nothing_is_reported_for_a_vehicle_without_effects(drive_logs):
@@ -78,7 +78,7 @@ def wait_for_first_finding(drive_logs):
 @pytest.mark.real_time
 def test_the_watch_process_reports_the_lever_arm_and_ends_with_the_recording(drive_logs):
     event = wait_for_first_finding(drive_logs)
-    assert (event.kind, event.text) == ("gap_seen", "left: the IMU sits 0.15 m off the hub")
+    assert (event.kind, event.text) == ("gap_seen", "left: the IMU sits 0.05 m off the hub")
 
 
 @pytest.mark.real_time

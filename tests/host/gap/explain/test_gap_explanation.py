@@ -45,7 +45,7 @@ def test_no_effect_is_found_in_a_clean_log(clean_log, tmp_path):
 
 
 def test_a_rejected_effect_is_not_found_and_its_rejection_is_explained(tmp_path):
-    write_case(tmp_path / "log", SEED, ["tyre_growth"], "strong", scope="right", duration=40.0, rate_hz=30.0)
+    write_case(tmp_path / "log", SEED, ["tyre_growth"], "medium", scope="right", duration=40.0, rate_hz=30.0)
     options = ("--reject", "tyre_growth", "--explain", "tyre_growth", "--explain", "gyro_lag", "--json")
     run = run_gap(tmp_path / "out", tmp_path / "log" / "model.toml", tmp_path / "log", *options, page=True)
     assert run.code == 0, run.err

@@ -27,7 +27,7 @@ def rough_drive(request, clean_log):
     """Return a drive with a scale error in ax of the left node, and uneven noise in az of the right one."""
     recording, model = read_folder(clean_log), read_model(clean_log / "model.toml")
     left, right = (dict(recording.nodes[name].columns) for name in ("left", "right"))
-    is_rough = (right["t"] // 15.0) % 2 == 1
+    is_rough = (right["t"] // 10.0) % 2 == 1
     white = np.random.default_rng(request.param).standard_normal(len(is_rough))
     road = lfilter([1.0], [1.0, -0.9], white) * np.where(is_rough, 2.0, 0.5)
     right["az"] = right["az"] + model.noise.accel * road

@@ -121,9 +121,12 @@ def test_a_search_interrupted_before_its_first_finding_writes_nothing(interrupt_
 def test_a_resumed_search_ends_with_the_result_of_an_uninterrupted_one(
     case, uninterrupted, interrupt_run, judged_rounds, tmp_path
 ):
-    interrupted = interrupt_run(4, tmp_path / "out")
+    effects_before = found_effects(interrupt_run(2, tmp_path / "out"))
+    # The resumed search judges two rounds and is interrupted in the third one.
+    judged_rounds.stop_at = 3
+    interrupted = run_gap(tmp_path / "out", case / "model.toml", case, *OPTIONS, "--resume")
     assert interrupted.code == 130
-    effects_before = found_effects(interrupted)
+    judged_rounds.stop_at = None
     resumed = run_gap(tmp_path / "out", case / "model.toml", case, *OPTIONS, "--resume")
     assert resumed.code == 0, resumed.err
     assert resumed.result == uninterrupted.run.result

@@ -56,7 +56,7 @@ def test_camber_is_found_without_a_model_file(camber_case, run_from_vehicle):
 def test_the_written_model_has_the_effect_and_the_true_noise(camber_case, run_from_vehicle):
     case, _ = camber_case
     written, declared = read_model(run_from_vehicle.folder / "model.toml"), read_model(case / "model.toml")
-    # 10 %: the noise is estimated from half a minute of quiet intervals and includes some road vibration.
+    # 10 %: the noise is estimated from the quiet intervals of 40 s and includes some road vibration.
     assert written.noise.gyro == pytest.approx(declared.noise.gyro, rel=0.1)
     assert written.noise.accel == pytest.approx(declared.noise.accel, rel=0.1)
     assert written.inputs.speed_noise == pytest.approx(declared.inputs.speed_noise, rel=0.1)
@@ -64,7 +64,7 @@ def test_the_written_model_has_the_effect_and_the_true_noise(camber_case, run_fr
 
 
 def test_two_wheels_without_a_reference_suffice(tmp_path):
-    write_case(tmp_path / "case", 5, ["lever_arm"], "strong", scope="left", duration=40.0, rate_hz=50.0)
+    write_case(tmp_path / "case", 5, ["lever_arm"], "strong", scope="left", duration=33.0, rate_hz=30.0)
     log = read_folder(tmp_path / "case")
     write_folder(Recording(log.nodes), tmp_path / "wheels")
     run = run_without_model(

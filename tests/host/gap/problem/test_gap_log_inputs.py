@@ -20,8 +20,8 @@ def test_a_gyro_bias_is_found_at_rest_and_the_missing_motion_raises_a_warning(tm
         "strong",
         kind="bench",
         scope="left",
-        duration=40.0,
-        rate_hz=50.0,
+        duration=33.0,
+        rate_hz=30.0,
     )
     run = run_gap(tmp_path / "out", tmp_path / "log" / "model.toml", tmp_path / "log")
     assert run.code == 0, run.err
@@ -43,7 +43,7 @@ def simulate_body_node(reference, rng):
 
 
 def test_the_gyros_of_the_log_replace_a_missing_reference(tmp_path):
-    write_case(tmp_path / "case", SEED, ["lever_arm"], "strong", scope="left", duration=40.0, rate_hz=50.0)
+    write_case(tmp_path / "case", SEED, ["lever_arm"], "strong", scope="left", duration=33.0, rate_hz=30.0)
     log = read_folder(tmp_path / "case")
     frame = simulate_body_node(log.reference, np.random.default_rng(SEED))
     write_folder(Recording({**log.nodes, "frame": frame}), tmp_path / "log")

@@ -3,9 +3,9 @@
 import numpy as np
 
 from gap_matrix import cases, effects, recording
-from gap_runs import run_gap
 from hubodo.gap.problem.build import build_problem
 from hubodo.gap.problem.problem import CHANNELS, Problem
+from hubodo.gap.workflow import find_problem_gap
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
 
@@ -40,13 +40,21 @@ def test_decimation_takes_every_fourth_sample_and_all_inputs(tmp_path):
     assert decimated.decimate() is None
 
 
-def test_an_effect_on_the_mean_and_one_on_single_samples_are_both_found(tmp_path):
-    case = write_sampled_case(tmp_path / "case", 104.0)
-    run = run_gap(tmp_path / "out", case / "model.toml", case, page=True)
-    assert sorted(run.names) == [("lever_arm", "left"), ("sample_repeat", "left")]
-    repeated = next(finding for finding in run.result["found"] if finding["effect"] == "sample_repeat")
-    value = repeated["parameters"]["probability"]
-    assert abs(value["value"] - 0.05) < 4.0 * value["sigma"]
+def test_an_effect_on_the_mean_and_one_on_single_samples_are_both_found_with_increasing_progress(
+    monkeypatch, tmp_path
+):
+    """Half of the samples are searched first. The limit is a quarter of the usual one, as is the rate."""
+    monkeypatch.setattr("hubodo.gap.problem.problem._MIN_DECIMATED_RATE_HZ", 25.0)
+    problem = read_problem(write_sampled_case(tmp_path, 52.0))
+    reports = []
+    result = find_problem_gap(problem, report_progress=lambda *report: reports.append(report))
+    findings = {(finding.effect, finding.scope): finding for finding in result.found}
+    assert set(findings) == {("lever_arm", "left"), ("sample_repeat", "left")}
+    probability = findings["sample_repeat", "left"].parameters["probability"]
+    assert abs(probability.value - 0.05) < 4.0 * probability.sigma
+    assert result.search.used_decimation
+    _, shares = zip(*reports, strict=True)
+    assert list(shares) == sorted(shares) and shares[0] == 0.0
 
 
 def test_a_log_at_fifty_hertz_is_not_decimated_and_every_node_keeps_its_channels(problem):

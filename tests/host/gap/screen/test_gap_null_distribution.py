@@ -78,7 +78,7 @@ def test_p_values_of_clean_logs_are_not_small(tmp_path):
     """p-value of the best effect in each of ten drives; of ten calibrated p-values, one is below 0.1."""
     smallest_p_values = []
     for seed in range(40, 50):
-        write_case(tmp_path / str(seed), seed, [], duration=33.0, rate_hz=50.0)
+        write_case(tmp_path / str(seed), seed, [], duration=33.0, rate_hz=30.0)
         problem = build_problem(
             read_folder(tmp_path / str(seed)), read_model(tmp_path / str(seed) / "model.toml")
         )
