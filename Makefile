@@ -18,7 +18,7 @@ demo: setup          ## the main job end to end, without hardware
 
 test: setup browser compiler  ## all tests that need no hardware
 	@test -d tests/host/fuse/__pycache__ || $(BIN)/python -m pytest --collect-only --quiet >/dev/null
-	$(BIN)/python -m pytest --numprocesses 4 --dist loadfile --no-loadscope-reorder -m "not repeat"
+	$(BIN)/python -m pytest --numprocesses 4 --dist loadfile --no-loadscope-reorder -m "not repeat and not release"
 
 repeat: setup browser compiler ## further seeds, chips and drives of the tests, which make test runs once; prints them
 	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder \
@@ -32,7 +32,7 @@ quick: setup         ## the core in a minute: protocol, effects, model, log, gap
 	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder -m "not real_time and not repeat" \
 		$(foreach name,$(SLOW),--ignore-glob='*/test_$(name)') $(QUICK)
 
-check: setup         ## format, lint, types, generated files, firmware for both boards
+check: setup         ## format, lint, types, generated files, documentation, package, firmware for both boards
 	tools/check
 
 docs: setup          ## build the documentation, and run its notebook, into out/docs: open index.html

@@ -39,7 +39,7 @@ LONGEST_FILES = (
     ),
     *("signal_path/test_doctor.py", "firmware/test_firmware_bias_filter.py", "host/fuse/test_wheel_car.py"),
     "signal_path/test_radio.py",
-    *("signal_path", "host/test_package.py", "host/verbs/test_verb_node.py", "host/api"),
+    *("signal_path", "host/verbs/test_verb_node.py", "host/api"),
     *("firmware", "host/fuse", "host/sensors", "host/gap"),
 )
 """The longest files run first, so that no process is left with one of them at the end.

@@ -7,6 +7,7 @@ import pytest
 
 from batch.fleet_logs import FleetLog, cut, write
 from in_process import hubodo
+from repetitions import first_and_more
 
 pytestmark = pytest.mark.real_time
 
@@ -44,20 +45,22 @@ def store(server, monkeypatch):
     return client
 
 
-def test_a_bucket_gives_the_results_of_a_folder_and_stores_them(store, here, tmp_path):
+@pytest.mark.parametrize("engine", first_and_more("thread", "process"))
+def test_a_bucket_gives_the_results_of_a_folder_and_stores_them(store, here, tmp_path, engine):
     folder = tmp_path / "logs"
     paths = [write(folder, FleetLog(f"van-{day % 2}", day, seed=day)) for day in range(3)]
     paths.append(cut(folder, FleetLog("van-1", 9, seed=9)))
     for path in paths:
         store.upload_file(str(path), BUCKET, str(path.relative_to(folder)))
 
-    def batch(logs, out, *engine):
-        done = hubodo("batch", "allan", logs, "-o", out, *(engine or ("--workers", 1)), "--json")
+    def batch(logs, out, *options):
+        done = hubodo("batch", "allan", logs, "-o", out, *options, "--json")
         assert done.code == 0, done.err
         return json.loads(done.out)
 
     assert batch(folder, tmp_path / "out", *here)["done"] == 3
-    there = batch(f"s3://{BUCKET}/", f"s3://{BUCKET}/results")
+    worker = here if engine == "thread" else ("--workers", 1)
+    there = batch(f"s3://{BUCKET}/", f"s3://{BUCKET}/results", *worker)
     assert (there["done"], there["refused"], there["fresh"]) == (3, 1, 4)
     assert batch(f"s3://{BUCKET}/*/*.mcap", f"s3://{BUCKET}/results", *here)["fresh"] == 0
     store.download_file(BUCKET, "results/table.parquet", str(tmp_path / "table.parquet"))

@@ -16,6 +16,8 @@ import pytest
 import hubodo
 from hubodo.flash.image import firmware_folder, read_sources
 
+pytestmark = pytest.mark.release
+
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 OPEN_LOG = """

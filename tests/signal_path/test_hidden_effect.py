@@ -16,7 +16,7 @@ from virtual_runs import micropython_or_skip
 G = 9.80665
 CAMBER, LIMIT = 0.15, 9.5
 # Slightly more than the minimum duration of the search for effects.
-SECONDS, SEED = 21.0, 2
+SECONDS, RATE, SEED = 21.0, 104, 2
 RIGHT = model_toml(
     0.165,
     0.55,
@@ -50,7 +50,7 @@ def ride(tmp_path_factory):
     folder = tmp_path_factory.mktemp("hidden")
     (folder / "model.toml").write_text(MODEL)
     words = ["simulate", str(folder / "model.toml"), "-o", str(folder / "drive.mcap"), "--virtual-node"]
-    assert main([*words, "--duration", str(SECONDS), "--rate", "208", "--seed", str(SEED)]) == 0
+    assert main([*words, "--duration", str(SECONDS), "--rate", str(RATE), "--seed", str(SEED)]) == 0
     return read_recording(folder / "drive.mcap")
 
 
@@ -71,7 +71,7 @@ def resting(ride, node):
 def test_both_nodes_are_recorded_completely(ride):
     for node in ("left", "right"):
         t, _, _ = driving(ride, node)
-        assert len(t) == pytest.approx(SECONDS * 208, rel=0.02)
+        assert len(t) == pytest.approx(SECONDS * RATE, rel=0.02)
     assert json.loads(ride.metadata["simulated.seed"]) == SEED
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from wheelchair_ride import ODR_ERROR, START, WHEELS, Ride, drive, read_csv
+from wheelchair_ride import ODR_ERROR, RIDE, START, WHEELS, Ride, drive, read_csv
 
 import wanted
 from hubodo.cli import main
@@ -67,7 +67,7 @@ def test_every_exported_sample_equals_the_raw_value_of_the_chip(ride, name):
     np.testing.assert_array_equal(raw, truth.raw[first : first + len(raw)])
     covered = truth.t[first : first + len(raw)]
     assert covered[0] < START
-    assert covered[-1] > START + 35.0
+    assert covered[-1] > START + RIDE
     rate = 416.0 * (1 + ODR_ERROR[name])
     assert np.median(np.diff(t)) == pytest.approx(1 / rate, rel=2e-3)
 
@@ -82,13 +82,13 @@ def test_fusion_gives_the_path_length_of_the_wheel_speeds(ride):
 
     data = wanted.recording("wheelchair")
     wheels = [read_csv(data / f"{name}.csv.gz") for name in WHEELS]
-    grid = np.linspace(0.0, 35.0, 35001)
+    grid = np.linspace(0.0, RIDE, 15001)
     speeds = [0.31 * np.interp(grid, wheel["t"], wheel["gz"]) for wheel in wheels]
     plain = np.trapezoid(np.abs(np.mean(speeds, axis=0)), grid)
 
     t, raw, first = steps(ride, "left")
     chip_t = ride.truth["left"].t[first : first + len(raw)]
-    start, end = np.interp([START, START + 35.0], chip_t, t)
+    start, end = np.interp([START, START + RIDE], chip_t, t)
     inside = (track["t"] >= start) & (track["t"] <= end)
     x, y = track["x"][inside], track["y"][inside]
     assert np.sum(np.hypot(np.diff(x), np.diff(y))) == pytest.approx(plain, rel=0.01)

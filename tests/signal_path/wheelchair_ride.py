@@ -22,6 +22,7 @@ from vehicles import vehicle_toml
 
 WHEELS = {"left": 1, "right": 2}
 ODR_ERROR = {"left": 0.031, "right": -0.017}
+RIDE = 15.0  # s of the recording
 START = 2.0  # chip time at the start of the ride, s; the node has booted by then
 VEHICLE = vehicle_toml()
 
@@ -75,7 +76,7 @@ def drive(data: Path, folder: Path) -> Ride:
             computer.plug_in(AttachedNode(stack.enter_context(node), computer))
         ports = tuple(f"{name}={node.port}" for name, node in nodes.items())
         vehicle = load_vehicle(folder / "vehicle.toml")
-        config = RecordConfig(ports=ports, duration=39.0)
+        config = RecordConfig(ports=ports, duration=START + RIDE + 2.0)
         result = record(config, folder / "ride.mcap", vehicle=vehicle, computer=computer)
         truth = {name: node.chip.truth() for name, node in nodes.items()}
         stats = {name: node.stats for name, node in nodes.items()}

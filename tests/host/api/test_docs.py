@@ -11,6 +11,8 @@ import pytest
 import hubodo
 from hubodo.verbs import VERBS
 
+pytestmark = pytest.mark.release
+
 ROOT = Path(__file__).resolve().parents[3]
 
 

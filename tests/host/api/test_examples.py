@@ -2,6 +2,7 @@
 
 import doctest
 import math
+import pickle
 import re
 import shlex
 from importlib import import_module
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import hubodo
+from hubodo.api import gap_search
 from in_process import hubodo as run
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -20,6 +22,26 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "host" / "docs").rglob("*.md"))]
 def blocks(page, language):
     """Return the fenced blocks of a page in one language."""
     return re.findall(rf"^```{language}\n(.*?)^```", page.read_text("utf-8"), re.MULTILINE | re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def missing_effects():
+    """Return the results of all searches so far."""
+    return {}
+
+
+@pytest.fixture
+def search_once(missing_effects, monkeypatch):
+    """Search the same log with the same model only once, as several pages show the same search."""
+    find = gap_search.find_gap
+
+    def find_or_look_up(recording, model, *, accept, reject, **options):
+        asked = pickle.dumps((recording, model, accept, reject))
+        if asked not in missing_effects:
+            missing_effects[asked] = find(recording, model, accept=accept, reject=reject, **options)
+        return missing_effects[asked]
+
+    monkeypatch.setattr(gap_search, "find_gap", find_or_look_up)
 
 
 def page_params(pages):
@@ -34,7 +56,7 @@ def test_the_examples_of_a_module_run(module, examples, monkeypatch):
 
 
 @pytest.mark.parametrize("page", page_params(page for page in PAGES if blocks(page, "pycon")))
-def test_the_python_examples_of_a_page_run(page, examples, monkeypatch):
+def test_the_python_examples_of_a_page_run(page, examples, search_once, monkeypatch):
     monkeypatch.chdir(examples)
     text = "\n".join(blocks(page, "pycon"))
     test = doctest.DocTestParser().get_doctest(text, {}, page.name, str(page), 0)

@@ -46,9 +46,7 @@ TIMES = st.lists(
     | st.decimals(0, 10000, places=9, allow_nan=False).map(float),
     max_size=12, unique_by=lambda t: t + 0.0,
 )  # fmt: skip
-NAMES = st.text(st.characters(codec="utf-8", exclude_categories=["Cc", "Cs", "Zl", "Zp"]), max_size=6).map(
-    str.strip
-)
+NAMES = st.text(st.characters(exclude_categories=["Cc", "Cs", "Zl", "Zp"]), max_size=6).map(str.strip)
 
 
 @st.composite

@@ -158,9 +158,13 @@ def numbers_for(kind):
     return st.builds(kind, **values)
 
 
+# Hypothesis takes seconds to list the characters of its default, a codec.
+CHARACTERS = st.characters(exclude_categories=["Cs"])
+
+
 @st.composite
 def models(draw):
-    names = draw(st.lists(st.text(min_size=1, max_size=6), max_size=3, unique=True))
+    names = draw(st.lists(st.text(CHARACTERS, min_size=1, max_size=6), max_size=3, unique=True))
     sides = st.sampled_from(["left", "right"])
     mounts = st.one_of(st.just(NodeMount()), st.builds(NodeMount, sides, sides))
     nodes = {name: draw(mounts) for name in names}
@@ -189,7 +193,7 @@ def _with(kind):
 
 
 @settings(max_examples=25)
-@given(model=models(), words=st.text(max_size=20))
+@given(model=models(), words=st.text(CHARACTERS, max_size=20))
 @example(model=_with(EFFECTS[0]), words='two\nlines\r# "x" = \\ \x7f\x85\u2028')
 def test_a_written_model_is_read_back_equal(tmp_path_factory, model, words):
     path = tmp_path_factory.getbasetemp() / "made.toml"

@@ -210,7 +210,7 @@ def test_page_and_figure_show_estimates_fit_and_what_to_do(tmp_path, capsys):
 def test_a_plan_says_which_stops_reach_a_sigma_and_they_do(tmp_path, capsys):
     """Plan from a stationary record, and from the output of hubodo allan --json for it."""
     rng = np.random.default_rng(21)
-    count = 72_000
+    count = 36_000
     sensor = Sensor(0.05, 0.5, 1.0)
     columns = {"t": np.arange(count) * DT}
     for name in ("gx", "gy", "gz"):
@@ -228,7 +228,7 @@ def test_a_plan_says_which_stops_reach_a_sigma_and_they_do(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["wanted"] == plan["wanted"]
     wanted = plan["wanted"]
     z = []
-    for seed in range(12):
+    for seed in range(6):
         rng = np.random.default_rng(100 + seed)
         stop, number = wanted["stop"], wanted["stops"]
         error = sensor.error(int(number * (stop + 2) / DT) + 10, DT, rng)
@@ -239,7 +239,7 @@ def test_a_plan_says_which_stops_reach_a_sigma_and_they_do(tmp_path, capsys):
         result = find_north([AxisRecord(run.t, run.rate, motion)], latitude, "maytag4", settle=0.1)
         z.append(np.degrees(float(wrap_angle(result.azimuth - 1.0 - seed))) / wanted["sigma_deg"])
     print(np.round(z, 2))
-    # The rms of 12 values scatters by 20 %.
+    # The rms of 6 values scatters by 30 %.
     assert 0.4 < np.sqrt(np.mean(np.square(z))) < 1.6
 
 
@@ -253,8 +253,8 @@ def test_noise_that_is_given_is_widened_where_the_record_has_more(tmp_path, caps
 
 
 def test_a_real_gyro_on_a_simulated_table_finds_north_within_its_sigma(tmp_path, capsys):
-    """The first 50 minutes of a record of a stationary ADIS16405."""
-    rows = np.loadtxt(wanted.recording("static") / "node.csv.gz", delimiter=",", skiprows=1, max_rows=300_000)
+    """The first 25 minutes of a record of a stationary ADIS16405."""
+    rows = np.loadtxt(wanted.recording("static") / "node.csv.gz", delimiter=",", skiprows=1, max_rows=150_000)
     path = tmp_path / "static.mcap"
     write_recording(Recording({"node": Table(dict(zip(NODE_COLUMNS, rows.T, strict=True)))}), path)
     words = [
@@ -268,7 +268,7 @@ def test_a_real_gyro_on_a_simulated_table_finds_north_within_its_sigma(tmp_path,
         "maytag4",
         "--json",
     ]
-    assert main([*words, "--simulate_azimuth_deg", "75", "--stops", "72", "--settle", "1"]) == 0
+    assert main([*words, "--simulate_azimuth_deg", "75", "--stops", "36", "--settle", "1"]) == 0
     result = json.loads(capsys.readouterr().out)
     print(f"\nreal noise: {result['error_deg']:+.1f} degrees off, sigma {result['sigma_deg']:.1f}")
     assert abs(result["error_deg"]) < 3.5 * result["sigma_deg"]

@@ -36,7 +36,7 @@ from hubodo.web.log_observer import LogObserver
 from hubowire import decode
 from in_process import hubodo
 
-SECONDS, ORIGIN = 2.0, (47.0, 8.0)
+SECONDS, RATE_HZ, ORIGIN = 2.0, 104.0, (47.0, 8.0)
 
 
 class Injected(Exception):
@@ -121,7 +121,7 @@ def recording(folder, nodes, stack, computer=None, seconds=SECONDS, log_format="
     return result, snapshots, (folder / "shown.txt").read_text()
 
 
-def drive_nodes(stack, computer, rate_hz=208.0):
+def drive_nodes(stack, computer, rate_hz=RATE_HZ):
     drive = short_drive(5)
     nodes = {
         name: FakeNode(node_id=number, rows=raw_rows(drive, name), computer=computer, rate_hz=rate_hz)
@@ -158,7 +158,7 @@ def test_a_part_that_raises_at_every_call_loses_no_sample_of_the_others(tmp_path
         result, snapshots, shown = recording(
             tmp_path, nodes, stack, computer, gnss=receiver.path, log_format=log_format
         )
-    assert intact(result, "right", nodes["right"]) > 208 * (SECONDS - 0.2)
+    assert intact(result, "right", nodes["right"]) > RATE_HZ * (SECONDS - 0.2)
     log = read_recording(tmp_path / "ride.mcap")
     assert len(log.nodes["right"]) == result.nodes["right"]["samples"]
     if kind not in HURTS_LEFT:
@@ -192,7 +192,7 @@ def test_the_bytes_that_a_node_failed_on_are_in_the_event_and_its_frames_are_in_
     assert event.data["place"].startswith("test_bulkheads.py:")
     again = hubodo("import", tmp_path / "ride.mcap", "-o", tmp_path / "again.mcap")
     assert again.code == 0, again.err
-    assert len(read_recording(tmp_path / "again.mcap").nodes["left"]) > 208 * (SECONDS - 0.2)
+    assert len(read_recording(tmp_path / "again.mcap").nodes["left"]) > RATE_HZ * (SECONDS - 0.2)
 
 
 def sleeps():
@@ -248,7 +248,7 @@ def test_a_foxglove_server_that_raises_or_hangs_loses_no_sample(tmp_path, monkey
         live = stack.enter_context(FoxgloveLive(Address("127.0.0.1", 0)))
         result, *_ = recording(tmp_path, nodes, stack, computer, page=LivePage(lambda frame: None, live))
     for name, node in nodes.items():
-        assert intact(result, name, node) > 208 * (SECONDS - 0.2)
+        assert intact(result, name, node) > RATE_HZ * (SECONDS - 0.2)
     faults = [
         event.source for event in read_recording(tmp_path / "ride.mcap").events if event.kind == "fault"
     ]
@@ -394,7 +394,7 @@ def test_a_log_that_cannot_be_written_ends_the_recording_and_stays_readable(tmp_
     for name in ("write_imu", "write_event"):
         monkeypatch.setattr(LogWriter, name, until_the_disk_breaks(getattr(LogWriter, name)))
     with ExitStack() as stack:
-        nodes = drive_nodes(stack, computer)
+        nodes = drive_nodes(stack, computer, rate_hz=208.0)
         with pytest.raises(Injected, match="the writer"):
             recording(tmp_path, nodes, stack, computer)
     monkeypatch.undo()
