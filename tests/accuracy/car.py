@@ -4,7 +4,8 @@
 
 The error is the largest distance from the reference, in % of the path. The track starts at the reference
 position and is rotated to the best fit, because the heading of a stationary car is not known. The baseline is
-the vehicle file with a radius and a track width measured by tape.
+the vehicle file with a radius and a track width measured by tape; beside its error stands the one of the same
+track scaled to the reference, which is what a correct radius would give.
 """
 
 from __future__ import annotations
@@ -65,8 +66,26 @@ def calibration_from(log: Recording, names: tuple[str, ...]) -> Calibration:
 
 def largest_percent(log: Recording, names: tuple[str, ...], calibration: Calibration | None) -> float:
     """Return the largest distance from the reference in % of the path."""
+    return largest_distance_percent(*_estimate(log, names, calibration), truth_of(log))
+
+
+def tape_percent(log: Recording, names: tuple[str, ...]) -> tuple[float, float, float]:
+    """Return the largest distance with dimensions by tape, the correction of the radius that fits the track
+    to the reference, and the largest distance with it, all in %.
+    """
+    t, positions = _estimate(log, names, None)
+    track, reference = aligned(t, positions, truth_of(log))
+    scale = float(np.sum(reference * track.conj()).real / np.sum(np.abs(track) ** 2))
+    truth = truth_of(log)
+    errors = [largest_distance_percent(t, factor * positions, truth) for factor in (1.0, scale)]
+    return errors[0], 100.0 * (scale - 1.0), errors[1]
+
+
+def _estimate(
+    log: Recording, names: tuple[str, ...], calibration: Calibration | None
+) -> tuple[np.ndarray, np.ndarray]:
     track = run_wheel_filter(wheel_config(with_nodes(names), list(names), calibration), log.nodes).track
-    return largest_distance_percent(track.t, track.x + 1j * track.y, truth_of(log))
+    return track.t, track.x + 1j * track.y
 
 
 def with_nodes(names: tuple[str, ...]) -> Vehicle:
@@ -94,13 +113,16 @@ def largest_distance_percent(t: np.ndarray, positions: np.ndarray, truth: Table)
 def main() -> int:
     """Print a line for each drive, and each pair of drives; then the medians of one wheel and of two."""
     logs = drives()
-    by_wheels: dict[int, tuple[list[float], list[float]]] = {1: ([], []), 2: ([], [])}
+    by_wheels: dict[int, tuple[list[float], list[float], list[float]]] = {1: ([], [], []), 2: ([], [], [])}
     for names in SETS:
         usable_logs = {name: log for name, log in logs.items() if set(names) <= set(log.nodes)}
-        tape_errors = {name: largest_percent(log, names, None) for name, log in usable_logs.items()}
+        tapes = {name: tape_percent(log, names) for name, log in usable_logs.items()}
         print(" and ".join(names))
-        for name, value in tape_errors.items():
-            print(f"  tape measure           on {name}: {value:.2f} %")
+        for name, (error, scale, without) in tapes.items():
+            print(
+                f"  tape measure           on {name}: {error:.2f} %; "
+                f"radius {scale:+.2f} %, with it {without:.2f} %"
+            )
         calibrated = []
         for first, log in usable_logs.items():
             try:
@@ -113,15 +135,20 @@ def main() -> int:
                     calibrated.append(largest_percent(usable_logs[name], names, calibration))
                     print(f"  calibrated on {first}  on {name}: {calibrated[-1]:.2f} %")
         print(
-            f"  median: tape {np.median(list(tape_errors.values())):.2f} %, "
+            f"  median: tape {np.median([error for error, _, _ in tapes.values()]):.2f} %, "
             f"calibrated {np.median(calibrated):.2f} %"
         )
-        by_wheels[len(names)][0].extend(tape_errors.values())
-        by_wheels[len(names)][1].extend(calibrated)
-    for count, (tape, calibrated) in by_wheels.items():
+        for values, more in zip(
+            by_wheels[len(names)],
+            ([it[0] for it in tapes.values()], [it[2] for it in tapes.values()], calibrated),
+            strict=True,
+        ):
+            values.extend(more)
+    for count, (tape, scaled, calibrated) in by_wheels.items():
         print(
-            f"wheels: {count}; medians: tape {np.median(tape):.2f} % of {len(tape)} runs, calibrated on "
-            f"another drive {np.median(calibrated):.2f} % of {len(calibrated)}"
+            f"wheels: {count}; medians: tape {np.median(tape):.2f} % of {len(tape)} runs, "
+            f"with the correct radius {np.median(scaled):.2f} %, calibrated on another drive "
+            f"{np.median(calibrated):.2f} % of {len(calibrated)}"
         )
     return 0
 
