@@ -46,9 +46,9 @@ class Hardware:
             return self._battery.read_uv() * factor // 1000
         return self._battery.read_u16() * (3300 * factor) >> 16
 
-    def start_watchdog(self):
+    def start_watchdog(self, is_required):
         """Start the watchdog: `feed` must be called every 8 s from here on; only a reset stops it."""
-        if self.settings["watchdog"]:
+        if is_required or self.settings["watchdog"]:
             self._watchdog = machine.WDT(timeout=_WATCHDOG_MS)
 
     def feed(self):

@@ -254,8 +254,10 @@ class Node:
             sleep_us(wait)
 
 
-def main():
+def main(*trial):
     """Run the node until a request ends it; then restart the board or return to the REPL.
+
+    trial: path of the settings at the first start after an update over the air, see `radio/trial.py`.
 
     A watchdog cannot be stopped, and the REPL does not feed it: with a watchdog the REPL is reached by a
     restart that finds the file STAY_IN_REPL. After power-on that file is removed and ignored.
@@ -271,14 +273,14 @@ def main():
     # The table of settings is loaded for a moment, as its names cost heap.
     import settings
 
-    board = Hardware(settings.load())
+    board = Hardware(settings.load(*trial))
     del sys.modules["settings"], settings
     link = board.open_link()
     if not link.ON_CONSOLE:
         # No frames arrive on the console: a ctrl-C there is a user's.
         micropython.kbd_intr(_CTRL_C)
     try:
-        mode = _run(board, link)
+        mode = _run(board, link, trial)
     except Exception as error:
         link.close()
         micropython.kbd_intr(_CTRL_C)
@@ -295,7 +297,7 @@ def main():
     machine.reset()
 
 
-def _run(board, link):
+def _run(board, link, trial):
     # The file of rare choices delays Hello, so it is loaded only where one of them may be set.
     if "receiver" in board.settings:
         import node_choice
@@ -304,7 +306,11 @@ def _run(board, link):
         del sys.modules["node_choice"], node_choice
     else:
         node = Node(board, link)
-    board.start_watchdog()
+    if trial:
+        from radio.trial import Trial
+
+        Trial(node)
+    board.start_watchdog(trial)
     while node.leave is None:
         node.step()
     node.farewell()

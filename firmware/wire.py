@@ -2,7 +2,7 @@
 
 from micropython import const
 
-FINGERPRINT = const(0x8BFF964C)
+FINGERPRINT = const(0x5E78E5CD)
 
 HEADER_FORMAT = "<BBH"
 HEADER_SIZE = const(4)

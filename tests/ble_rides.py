@@ -114,7 +114,7 @@ async def receive(air, device, connecting, address, stream, key, mtu):
 
 async def host(air, streams, key, mtu):
     """Receive from both nodes; the controller connects to one after the other."""
-    _, device = air.device("F0:00:00:00:00:01", "host")
+    _, device = air.create_device("F0:00:00:00:00:01", "host")
     await device.power_on()
     connecting = asyncio.Lock()
     await asyncio.gather(

@@ -2,7 +2,8 @@
 
 The list of files, a line `sha256 size name` each, comes first, and is stored in the slot until the end: with
 it an interrupted update continues with the first file that is not complete. Files that the running firmware
-has are copied from it. main.py, the last of the list, is then replaced by a rename, which selects the slot.
+has are copied from it. main.py, the last of the list, is then replaced by a rename, which selects the slot
+for a first start on trial (`switch.py`). A file config.json holds changes of the settings.
 """
 
 import gc
@@ -44,8 +45,9 @@ if TYPE_CHECKING:
 _SLOTS = ("/fw_a", "/fw_b")
 _LIST = "/update.txt"
 _MAIN = "main.py"
-_MAIN_PATH = "/main.py"
 _NEW_MAIN = "/main.py.new"
+_SELECT = const(0xFFFFFFFF)
+"""Size in an UpdateStart that selects the firmware in `slot` as it is."""
 _IDLE_MS = const(60000)
 """Without a request for this time the node restarts with its old firmware."""
 _BLOCK = const(512)
@@ -61,7 +63,13 @@ def start(node, frame):
     update = Update(node)
     slot, size, digest = struct.unpack_from(UPDATE_START_FORMAT, frame.raw, PAYLOAD)
     if update.status == UPDATE_STATUS_IDLE and size and slot == update.slot:
-        update.prepare(size, hexlify(digest))
+        if size == _SELECT:
+            update.stop_sampling()
+            from radio import switch
+
+            switch.select_other(update)
+        else:
+            update.prepare(size, hexlify(digest))
     update.reply()
 
 
@@ -73,8 +81,8 @@ class Update:
         self._commands = node.commands
         running = sys.path[0]
         self.slot = 1 if running == _SLOTS[0] else 0
-        self._folder = _SLOTS[self.slot]
-        self._running = running
+        self.folder = _SLOTS[self.slot]
+        self.running = running
         self.status = UPDATE_STATUS_IDLE
         sealed = sys.modules.get("sealed")
         if sealed is None or not isinstance(node.link, sealed.SealedLink):
@@ -83,21 +91,29 @@ class Update:
             # Files at the root are no fallback; a receiver has no duties to extend.
             self.status = UPDATE_STATUS_CABLE_ONLY
         self._file = self._offset = self._size = 0
-        self._path = self._folder + _LIST
+        self._path = self.folder + _LIST
         self._digest = b""
         self._list_digest = b""
         self._list: Any = None
         self._out: Any = None
         self._due_ms = ticks_ms()
 
-    def prepare(self, size, digest):
-        """Stop sampling for good, and continue with the list of files where it is stored already."""
+    def stop_sampling(self):
+        """Stop sampling until the restart, and free its heap."""
         node = self._node
         node.stop()
         node.parts.mag = node.estimator = None
         node.warm = ()
+        for name in tuple(sys.modules):
+            if name.startswith("drivers."):
+                delattr(sys.modules["drivers"], name[8:])
+                del sys.modules[name]
         node.commands = node.slow = self
         gc.collect()
+
+    def prepare(self, size, digest):
+        """Begin, or continue with the list of files where it is stored already."""
+        self.stop_sampling()
         self._due_ms = ticks_add(ticks_ms(), _IDLE_MS)
         self._list_digest = self._digest = digest
         self._block = bytearray(_BLOCK)
@@ -106,10 +122,10 @@ class Update:
             if self._hash(self._path) == digest:
                 self._open_list()
             else:
-                self._empty(self._folder)
+                self._empty(self.folder)
                 self._receive(size)
         except OSError:
-            self._end(UPDATE_STATUS_NOT_STORED)
+            self.end(UPDATE_STATUS_NOT_STORED)
 
     def reply(self):
         """Queue the state."""
@@ -157,7 +173,7 @@ class Update:
             try:
                 self._check_next()
             except OSError:
-                self._end(UPDATE_STATUS_NOT_STORED)
+                self.end(UPDATE_STATUS_NOT_STORED)
             if self.status != UPDATE_STATUS_CHECKING:
                 self.reply()
 
@@ -176,7 +192,7 @@ class Update:
             if self._offset >= self._size:
                 self._finish_file()
         except OSError:
-            self._end(UPDATE_STATUS_NOT_STORED)
+            self.end(UPDATE_STATUS_NOT_STORED)
 
     def _receive(self, size):
         self._out = open(self._path, "wb")
@@ -191,7 +207,7 @@ class Update:
         # As read back from flash.
         if self._hash(self._path) != self._digest:
             os.remove(self._path)
-            self._end(UPDATE_STATUS_DAMAGED)
+            self.end(UPDATE_STATUS_DAMAGED)
         elif self._list is None:
             self._open_list()
         else:
@@ -211,13 +227,13 @@ class Update:
         self._file += 1
         self._offset = 0
         self._digest = digest
-        path = self._path = _NEW_MAIN if name == _MAIN else self._folder + "/" + name
+        path = self._path = _NEW_MAIN if name == _MAIN else self.folder + "/" + name
         if self._hash(path) == digest:
             return
         for k in range(1, len(path)):
             if path[k] == "/":
                 _create_folder(path[:k])
-        source = self._running + "/" + name
+        source = self.running + "/" + name
         if name != _MAIN and self._hash(source) == digest:
             with open(source, "rb") as old, open(path, "wb") as new:
                 while count := old.readinto(self._block):
@@ -227,13 +243,17 @@ class Update:
         self._receive(int(size))
 
     def _switch(self):
-        """Select the complete slot for the next start, in one step of the file system."""
+        """Select the complete slot for the next start, which is on trial."""
         self._list.close()
-        os.remove(self._folder + _LIST)
-        os.rename(_NEW_MAIN, _MAIN_PATH)
-        self._end(UPDATE_STATUS_COMPLETE)
+        os.remove(self.folder + _LIST)
+        del self._block, self._view
+        gc.collect()
+        from radio import switch
 
-    def _end(self, status):
+        switch.switch(self.folder)
+        self.end(UPDATE_STATUS_COMPLETE)
+
+    def end(self, status):
         self.status = status
         self._node.leave = REBOOT_MODE_RUN
 

@@ -133,3 +133,4 @@ class UpdateStatus(IntEnum):
     CABLE_ONLY = 5
     DAMAGED = 6
     NOT_STORED = 7
+    NO_OTHER = 8

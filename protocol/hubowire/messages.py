@@ -339,7 +339,11 @@ class UpdateStart(Message):
 
     type_id: ClassVar[int] = 0x49
     slot: int = declare_field("B", "slot to write: the one that does not run; otherwise only a query")
-    size: int = declare_field("I", "size of the list of files; 0: only a query", unit="B")
+    size: int = declare_field(
+        "I",
+        "size of the list of files; 0: only a query; 2^32 - 1: start the firmware in `slot` as it is",
+        unit="B",
+    )
     digest: bytes = declare_field("32s", "SHA-256 of the list of files")
 
 

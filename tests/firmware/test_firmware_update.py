@@ -8,7 +8,7 @@ import pytest
 import real_micropython
 from commands import Commands
 from framing import PAYLOAD
-from radio import update
+from radio import switch, trial, update
 from test_firmware_link_memory import FAKES
 from test_firmware_memory import ROOM
 
@@ -27,7 +27,11 @@ from hubowire.messages import (
 from hubowire.messages import UpdateStatus as S
 from virtual_runs import messages_of, request, run
 
-FILES = {"node.mpy": b"n" * 700, "drivers/a.mpy": b"same", "main.py": b"new main"}
+FILES = {
+    "node.mpy": b"n" * 700,
+    "drivers/a.mpy": b"same",
+    "main.py": b'SLOTS = ("/fw_b", "/fw_a")\nload(SLOTS)()\n',
+}
 
 
 class FakeOutbox:
@@ -95,11 +99,14 @@ def disk(tmp_path, monkeypatch):
     """Redirect the paths of update.py to a folder with slot A and the old main.py."""
     slots = tuple(str(tmp_path / name) for name in ("fw_a", "fw_b"))
     monkeypatch.setattr(update, "_SLOTS", slots)
-    monkeypatch.setattr(update, "_MAIN_PATH", str(tmp_path / "main.py"))
+    monkeypatch.setattr(switch, "_FILES_ROOT", f"{tmp_path}/")
+    monkeypatch.setattr(trial, "ticks_ms", lambda: 0)
+    monkeypatch.setattr(trial, "_FILES", tuple(str(tmp_path / name) for name in ("main.py", "config.json")))
     monkeypatch.setattr(update, "_NEW_MAIN", str(tmp_path / "main.py.new"))
     monkeypatch.setattr(update, "ticks_ms", lambda: 0)
-    monkeypatch.setitem(sys.modules, "sealed", FakeSealed)
-    monkeypatch.setattr(sys, "path", [slots[0], *sys.path])
+    modules = {"sealed": FakeSealed, "drivers": SimpleNamespace(a=1), "drivers.a": 1}
+    system = SimpleNamespace(modules=modules, path=[slots[0]], implementation=sys.implementation)
+    monkeypatch.setattr(update, "sys", system)
     (tmp_path / "fw_a" / "drivers").mkdir(parents=True)
     (tmp_path / "fw_a" / "drivers" / "a.mpy").write_bytes(FILES["drivers/a.mpy"])
     (tmp_path / "fw_b" / "drivers").mkdir(parents=True)
@@ -149,7 +156,10 @@ def test_files_come_in_order_the_stale_one_goes_and_main_py_is_replaced_last(dis
     assert {
         p.relative_to(disk / "fw_b").as_posix(): p.read_bytes() for p in (disk / "fw_b").rglob("*.*")
     } == {name: content for name, content in FILES.items() if name != "main.py"}
-    assert (disk / "main.py").read_bytes() == FILES["main.py"]
+    assert (disk / "main.py.new").read_bytes() == FILES["main.py"]
+    assert (disk / "main.py.old").read_bytes() == b"old main"
+    first_start = (disk / "main.py").read_bytes()
+    assert first_start.startswith(b'SLOTS = ("/fw_b", "/fw_a")') and b"(SLOTS[:1])(config" in first_start
 
 
 def test_after_a_restart_complete_files_are_not_requested_again_unless_the_firmware_is_another(disk):
@@ -205,8 +215,8 @@ def test_only_requests_without_sensors_are_executed_meanwhile_and_silence_ends_t
     ("status", "change"),
     [
         (S.NO_KEY, lambda node, patch: setattr(node, "link", object())),
-        (S.NO_KEY, lambda node, patch: patch.delitem(sys.modules, "sealed")),
-        (S.CABLE_ONLY, lambda node, patch: patch.setattr(sys, "path", ["", *sys.path])),
+        (S.NO_KEY, lambda node, patch: patch.delitem(update.sys.modules, "sealed")),
+        (S.CABLE_ONLY, lambda node, patch: patch.setattr(update.sys, "path", [""])),
         (S.CABLE_ONLY, lambda node, patch: delattr(node, "slow")),
     ],
 )
@@ -227,22 +237,30 @@ def test_the_complete_node_refuses_on_usb_and_knows_no_piece_before_a_start():
 
 
 def test_the_update_fits_the_heap_that_every_choice_leaves(tmp_path):
-    """Loaded with the names of its messages, which go once it is loaded; on a board garbage goes as well."""
+    """Loaded beside a driver, which goes when it begins; on a board garbage goes as well."""
     code = (
         FAKES,
         "import wire, framing, binascii, hashlib\nresult = []",
+        # The driver with the least heap; as in parts.py, drivers.chip stays in use.
+        "from drivers.chip import read_register\nimport drivers.mpu6050",
         "gc.collect()",
         "before = gc.mem_alloc()",
         "from radio import update",
         "gc.collect()",
         "result.append(gc.mem_alloc() - before)",
         "for name in ('radio', 'radio.wire_update'):\n    sys.modules.pop(name)",
-        "class Node: pass\nnode = Node()\nnode.commands = node.link = None\n"
-        "one = update.Update(node)\none._block = bytearray(512)\none._view = memoryview(one._block)",
+        "class Node:\n    def stop(self): pass\nnode = Node()\nnode.commands = node.link = None",
+        "node.parts = Node()\none = update.Update(node)\none.stop_sampling()",
+        "one._block = bytearray(512)\none._view = memoryview(one._block)",
+        "gc.collect()",
+        "result.append(gc.mem_alloc() - before)",
+        "del one._block, one._view",
+        "from radio import switch",
         "gc.collect()",
         "result.append(gc.mem_alloc() - before)",
         "with open('/result', 'w') as file:\n    json.dump(result, file)",
     )
-    (loading, running), _ = real_micropython.run(tmp_path, *code)
-    print(f"{loading} bytes of heap when loaded, {running} in use during an update")
-    assert 1000 < loading < ROOM and running < ROOM - 1024, "open files and tags need the rest"
+    (loading, running, switching), _ = real_micropython.run(tmp_path, *code)
+    print(f"{loading} bytes of heap when loaded, {running} during an update, {switching} at its end")
+    assert 1000 < loading < ROOM - 512, "a query is answered beside the sensors"
+    assert max(running, switching) < ROOM - 1024, "open files, tags and settings need the rest"

@@ -17,32 +17,11 @@ from hubodo.cli import main
 from hubodo.emulator.board.settings import Clock, Flash, Host
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
-from hubodo.flash.image import build_image, firmware_folder
-from hubodo.flash.slots import MAIN, main_for_slot
+from hubodo.flash.image import build_image
+from hubodo.flash.slots import MAIN
 from hubowire.messages import Hello
 from repetitions import first_and_more
-
-REPORT_MODULES = """
-
-_main = main
-
-
-def main():
-    import sys
-
-    print("builds", sorted({m.BUILD for m in sys.modules.values() if hasattr(m, "BUILD")}))
-    _main()
-"""
-
-
-def firmware(folder, name):
-    """Create a firmware with `name` in every file; the node reports whose modules it has loaded."""
-    shutil.copytree(firmware_folder(), folder, ignore=shutil.ignore_patterns("__pycache__"))
-    for path in folder.rglob("*.py"):
-        if path.name != MAIN:
-            more = REPORT_MODULES if path.name == "node.py" else ""
-            path.write_text(f"{path.read_text()}\nBUILD = {name!r}\n{more}")
-    return folder
+from slot_layouts import firmware, lay
 
 
 @pytest.fixture(scope="module")
@@ -51,14 +30,6 @@ def firmwares(tmp_path_factory):
     root = tmp_path_factory.mktemp("firmware")
     old, new = firmware(root / "old", "old"), firmware(root / "new", "new")
     return old, new, build_image(old, None)
-
-
-def lay(image, root, slot):
-    """Put an image on a board's file system, in a slot or beside main.py."""
-    for name, content in image.items():
-        path = root / ("" if name == MAIN else slot.lstrip("/")) / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(main_for_slot(content, slot) if name == MAIN and slot else content)
 
 
 def apply(change, root):

@@ -7,7 +7,7 @@ import socket
 import threading
 
 import pytest
-from test_flash_cut import REPORT_MODULES, apply, comes_up_as, flash, lay
+from test_flash_cut import apply, comes_up_as, flash
 
 from fakes.fake_bluez import FakeBlueZ
 from hubodo.cli import main
@@ -20,6 +20,7 @@ from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.image import build_image, firmware_folder
 from hubodo.flash.slots import MAIN
 from hubodo.ingest.link.keys import KeyRing
+from slot_layouts import REPORT_MODULES, lay
 from waiting import until
 
 pytestmark = pytest.mark.real_time
@@ -146,11 +147,11 @@ class Bench:
     def words(self):
         return ("--node", "left", "--key-file", str(self.ring.path))
 
-    def comes_up_as(self):
+    def comes_up_as(self, folder=None):
         """Return the firmware that a copy of the board runs after power-on, with a link by USB."""
         copy = self.folder.with_name("copy")
         shutil.rmtree(copy, ignore_errors=True)
-        shutil.copytree(self.folder, copy)
+        shutil.copytree(folder or self.folder, copy)
         (copy / "config.json").write_text("{}")
         return comes_up_as(copy)
 
@@ -171,17 +172,23 @@ def bench(tmp_path, firmwares):
 def test_a_node_is_flashed_through_losses_doubles_delays_replays_and_forgeries(
     firmwares, bench, tmp_path, monkeypatch, capfd
 ):
-    """Until the rename of main.py, the last but one change of the file system, the old firmware starts."""
+    """Until main.py is replaced the old firmware starts; the same settings and rollback as by cable."""
     here = bench(loss=0.04)
     before = tmp_path / "before"
     shutil.copytree(here.folder, before)
     with here.node():
-        report = flash(here.port, firmwares[0], monkeypatch, capfd, *here.words())
+        report = flash(here.port, firmwares[0], monkeypatch, capfd, *here.words(), "--set", "rate_hz=52")
+        shutil.copytree(here.folder, tmp_path / "flashed")
+        assert main(["flash", here.port, "--roll-back", *here.words()]) == 0
+        capfd.readouterr()
     print(f"seed {SEED}: {here.network.n_lost} of {here.network.n_forwarded} datagrams lost, {report}")
     assert here.network.n_lost > 5 and report["repeated"] > 2
-    expected = {name.replace(".py", ".mpy") for name in CHANGED} | {"files.json", MAIN}
+    expected = {name.replace(".py", ".mpy") for name in CHANGED} | {"files.json", "config.json", MAIN}
     assert set(report["copied"]) == expected
-    assert here.comes_up_as() == ["new"]
+    assert here.comes_up_as(tmp_path / "flashed") == ["new"]
+    assert here.comes_up_as() == ["old"]
+    settings = json.loads((here.folder / "config.json").read_text())
+    assert settings == here.config | {"rate_hz": 52}
     changes = [json.loads(line) for line in here.journal.read_text().splitlines()]
     switch = next(k for k, change in enumerate(changes) if change.get("to") == f"/{MAIN}")
     for k, change in enumerate(changes):

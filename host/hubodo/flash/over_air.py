@@ -1,20 +1,24 @@
-"""Installation of the firmware over Wi-Fi or Bluetooth, into the slot that the node does not run."""
+"""Installation of firmware and settings over Wi-Fi or Bluetooth, and the return to the previous firmware."""
 
 from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hubodo.errors import InputError
 from hubodo.flash.image import ARCHITECTURES, build_image, hash_files
+from hubodo.flash.install import RolledBackBoard
 from hubodo.flash.manifest import add_manifest
+from hubodo.flash.order import CONFIG
 from hubodo.flash.prompt import FlashError
 from hubodo.flash.slots import MAIN, SLOTS, main_for_slot
 from hubodo.ingest.link.ports import BLE_KIND, PortName
 from hubodo.ingest.node.conversation import Conversation
+from hubodo.safe_text import json_text
 from hubowire.budget import UART_BAUD
 from hubowire.messages import Hello, UpdatePiece, UpdateStart, UpdateState, UpdateStatus
 
@@ -25,8 +29,18 @@ _BLE_UPDATE_BYTES = 100
 _STATE_TIMEOUT_S = 0.4
 _SILENCE_TIMEOUT_S = 30.0
 """Longest silence; a node hashes its files in up to 2 s, and joins its network again in up to 20 s."""
-_RESTART_TIMEOUT_S = 60.0
+_RESTART_TIMEOUT_S = 180.0
+"""A node that is not reached for 120 s after its restart returns to its old firmware (`radio/trial.py`)."""
 _QUERY_PERIOD_S = 0.5
+_QUERY = UpdateStart(0, 0, bytes(32))
+_SELECT_SIZE = 0xFFFFFFFF
+"""Size of an UpdateStart that selects the firmware in its slot."""
+_CABLE_SETTINGS = {
+    "node_id": "use `hubodo node PORT set node_id=N`",
+    "key": "packets are authenticated, not secret: set it by USB",
+    "password": "packets are authenticated, not secret: set it by USB",
+    "link": "set it by USB",
+}
 _MAX_RESTARTS = 10
 _REFUSALS = {
     UpdateStatus.NO_KEY: "the node has no key, and takes no firmware from strangers; flash it by USB with "
@@ -34,6 +48,7 @@ _REFUSALS = {
     UpdateStatus.CABLE_ONLY: "its firmware is not in two slots, or it is a receiver; flash it by USB",
     UpdateStatus.DAMAGED: "a file differs from what was sent, as read back from its flash; the old firmware "
     "runs; flash it again, or by USB",
+    UpdateStatus.NO_OTHER: "no complete older firmware to roll back to",
     UpdateStatus.NOT_STORED: "its flash is full or cannot be written; the old firmware runs; flash it by USB",
 }
 
@@ -84,8 +99,10 @@ class UpdatedNode:
 class _Package:
     """The list of files for one slot and the files, by number."""
 
-    def __init__(self, image: dict[str, bytes], slot: int) -> None:
+    def __init__(self, image: dict[str, bytes], slot: int, settings: Mapping[str, object]) -> None:
         files = {name: content for name, content in image.items() if name != MAIN}
+        if settings:
+            files[CONFIG] = json_text(settings).encode()
         files[MAIN] = main_for_slot(image[MAIN], SLOTS[slot])
         hashes = hash_files(files)
         self.names = ["the list of files", *files]
@@ -102,22 +119,29 @@ class _Package:
 
 
 def update_over_air(
-    port: PortName, node_id: int | None, folder: Path, report_progress: Callable[[str], None]
+    port: PortName,
+    node_id: int | None,
+    folder: Path,
+    settings: Mapping[str, object],
+    report_progress: Callable[[str], None],
 ) -> UpdatedNode:
-    """Install the firmware of `folder` on a node by its own link; the settings stay.
+    """Install the firmware of `folder` on a node by its own link, and change the given settings.
 
     node_id: the node where several send to the port, None for the only one. Raises FlashError, ImageError,
-    LinkError, and InputError where several nodes are present.
+    LinkError, and InputError where several nodes are present, or for a setting that needs a cable.
     """
+    for name, advice in _CABLE_SETTINGS.items():
+        if name in settings:
+            raise InputError(f"--set {name}: not over Wi-Fi or Bluetooth; {advice}")
     started = time.monotonic()
     with Conversation(port, UART_BAUD, node_id) as node:
         report_progress(f"{port.text}: waiting for the node")
         node.any_version = True
         node.find()
-        update = _Update(node, port, folder, report_progress)
+        update = _Update(node, port, folder, settings, report_progress)
         update.run()
         report_progress(f"{port.text}: starting")
-        update.wait_for_restart()
+        _wait_for_slot(node, port, update.package.start.slot)
         node.any_version = False
         hello = node.identify()
         assert node.node_id is not None
@@ -132,22 +156,44 @@ def update_over_air(
         )
 
 
+def roll_back_over_air(
+    port: PortName, node_id: int | None, report_progress: Callable[[str], None]
+) -> RolledBackBoard:
+    """Start the previous firmware of a node by its own link. Raises FlashError, LinkError and InputError."""
+    with Conversation(port, UART_BAUD, node_id) as node:
+        report_progress(f"{port.text}: waiting for the node")
+        node.any_version = True
+        node.find()
+        assert node.node_id is not None
+        state = _query(node, port)
+        _raise_refusal(port, state)
+        _select(node, port, state.slot)
+        report_progress(f"{port.text}: starting")
+        _wait_for_slot(node, port, state.slot)
+        return RolledBackBoard(port.text, node.node_id, *node.wait_identity(_SILENCE_TIMEOUT_S))
+
+
 class _Update:
     """One update: one piece is on its way at a time, and is repeated until the node has answered."""
 
     def __init__(
-        self, node: Conversation, port: PortName, folder: Path, report_progress: Callable[[str], None]
+        self,
+        node: Conversation,
+        port: PortName,
+        folder: Path,
+        settings: Mapping[str, object],
+        report_progress: Callable[[str], None],
     ) -> None:
         self._node, self._port, self._report_progress = node, port, report_progress
         self._piece_bytes = _BLE_UPDATE_BYTES if port.kind == BLE_KIND else _UPDATE_BYTES
         self.sent: set[int] = set()
         self.n_repeated = 0
-        state = self._query()
-        self._raise_refusal(state)
+        state = _query(node, port)
+        _raise_refusal(port, state)
         number = state.mpy >> 10 & 0x3F
         architecture = ARCHITECTURES[number] if number < len(ARCHITECTURES) else None
         report_progress(f"{port.text}: compiling for {architecture or 'bytecode'}")
-        self.package = _Package(add_manifest(build_image(folder, architecture)), state.slot)
+        self.package = _Package(add_manifest(build_image(folder, architecture)), state.slot, settings)
 
     def run(self) -> None:
         """Send what the node awaits until every file is verified."""
@@ -169,7 +215,7 @@ class _Update:
             answered = time.monotonic()
             if state.slot != self.package.start.slot or state.status == UpdateStatus.COMPLETE:
                 return
-            self._raise_refusal(state)
+            _raise_refusal(self._port, state)
             acted_on, message = _position(state), None
             name = self.package.names[min(state.file, len(self.package.names) - 1)]
             total = len(self.package.contents) - 1
@@ -187,36 +233,50 @@ class _Update:
                     "node stable, and no other computer flashing it? The old firmware stays"
                 )
 
-    def wait_for_restart(self) -> None:
-        """Return once the node runs the new slot; raise FlashError if it runs the old one, or nothing."""
-        end = time.monotonic() + _RESTART_TIMEOUT_S
-        while time.monotonic() < end:
-            state = self._node.ask(UpdateStart(0, 0, bytes(32)), _QUERY_PERIOD_S)
-            if state is not None and state.slot != self.package.start.slot:
-                return
-            if state is not None and state.status == UpdateStatus.IDLE:
-                raise FlashError(
-                    f"{self._port.text}: the new firmware did not start, the old one runs again; see "
-                    "its console"
-                )
-        raise FlashError(
-            f"{self._port.text}: the update is complete, but the node does not answer after the "
-            "restart; flash it by USB"
-        )
 
-    def _query(self) -> UpdateState:
-        end = time.monotonic() + _SILENCE_TIMEOUT_S
-        while time.monotonic() < end:
-            state = self._node.ask(UpdateStart(0, 0, bytes(32)), _QUERY_PERIOD_S)
-            if state is not None:
-                return state
-        raise FlashError(f"{self._port.text}: no answer; is the key file that of the node?")
+def _wait_for_slot(node: Conversation, port: PortName, slot: int) -> None:
+    """Return once the node runs a slot; raise FlashError if it runs the other one, or nothing."""
+    end = time.monotonic() + _RESTART_TIMEOUT_S
+    while time.monotonic() < end:
+        state = node.ask(_QUERY, _QUERY_PERIOD_S)
+        # The slot of a state is the one that does not run.
+        if state is not None and state.slot != slot:
+            return
+        if state is not None and state.status == UpdateStatus.IDLE:
+            raise FlashError(
+                f"{port.text}: the new firmware did not start, or did not reach this computer; the old one "
+                "runs again, with its settings; see the node's console"
+            )
+    raise FlashError(
+        f"{port.text}: the update is complete, but neither the new firmware nor the old one is reached; is "
+        "the network up? Otherwise flash the node by USB"
+    )
 
-    def _raise_refusal(self, state: UpdateState) -> None:
-        if state.status > UpdateStatus.COMPLETE:
-            known = state.status in set(UpdateStatus)
-            text = _REFUSALS[UpdateStatus(state.status)] if known else f"status {state.status}, unknown here"
-            raise FlashError(f"{self._port.text}: {text}")
+
+def _select(node: Conversation, port: PortName, slot: int) -> None:
+    """Request the start of a slot until the node answers; once it runs that slot, it ignores the request."""
+    end = time.monotonic() + _SILENCE_TIMEOUT_S
+    while time.monotonic() < end:
+        state = node.ask(UpdateStart(slot, _SELECT_SIZE, bytes(32)), _STATE_TIMEOUT_S)
+        if state is not None:
+            return _raise_refusal(port, state)
+    raise FlashError(f"{port.text}: no answer for {_SILENCE_TIMEOUT_S:.0f} s; the present firmware stays")
+
+
+def _query(node: Conversation, port: PortName) -> UpdateState:
+    end = time.monotonic() + _SILENCE_TIMEOUT_S
+    while time.monotonic() < end:
+        state = node.ask(_QUERY, _QUERY_PERIOD_S)
+        if state is not None:
+            return state
+    raise FlashError(f"{port.text}: no answer; is the key file that of the node?")
+
+
+def _raise_refusal(port: PortName, state: UpdateState) -> None:
+    if state.status > UpdateStatus.COMPLETE:
+        known = state.status in set(UpdateStatus)
+        text = _REFUSALS[UpdateStatus(state.status)] if known else f"status {state.status}, unknown here"
+        raise FlashError(f"{port.text}: {text}")
 
 
 def _position(state: UpdateState) -> tuple[int, int]:

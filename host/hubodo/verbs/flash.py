@@ -21,7 +21,7 @@ from hubodo.flash.fleet import (
 from hubodo.flash.image import firmware_folder
 from hubodo.flash.install import FlashedBoard, RolledBackBoard, install_firmware, roll_back
 from hubodo.flash.order import SettingsOrder, parse_node_id, parse_settings
-from hubodo.flash.over_air import UpdatedNode, update_over_air
+from hubodo.flash.over_air import UpdatedNode, roll_back_over_air, update_over_air
 from hubodo.ingest.link.keys import KeyRing
 from hubodo.ingest.link.ports import BLE_KIND, attach_keys, parse_port
 from hubodo.terminal import SafeConsole
@@ -181,11 +181,13 @@ def _update_node(args: argparse.Namespace) -> BoardResult:
     """Update one node by its link, which the port names."""
     if len(args.ports) > 1 or args.fleet is not None:
         raise InputError("over Wi-Fi or Bluetooth nodes are flashed one by one: give one port, and --node")
-    if args.roll_back or args.set or args.calibration is not None or args.rate_hz is not None:
-        raise InputError(
-            f"{args.ports[0]}: over Wi-Fi and Bluetooth the firmware alone is flashed; change settings with "
-            "`hubodo node PORT set`, or by USB, and roll back by USB"
-        )
+    if args.calibration is not None:
+        raise InputError(f"{args.ports[0]}: a calibration is written by USB; the host applies it as well")
+    settings = parse_settings(args.set)
+    if args.rate_hz is not None:
+        settings["rate_hz"] = args.rate_hz
+    if args.roll_back and settings:
+        raise InputError("--roll-back changes no settings; remove the other options")
     if args.key_file is None:
         raise InputError(
             f"{args.ports[0]}: give the --key-file of `hubodo flash` by USB; without a key a node refuses"
@@ -193,7 +195,9 @@ def _update_node(args: argparse.Namespace) -> BoardResult:
     port = attach_keys(parse_port(args.ports[0]), args.key_file, insecure=())
     node_id = None if args.node is None else parse_node_id(args.node)
     with SafeConsole(stderr=True).status("searching for the node") as status:
-        return BoardResult(update_over_air(port, node_id, firmware_folder(), status.update))
+        if args.roll_back:
+            return BoardResult(roll_back_over_air(port, node_id, status.update))
+        return BoardResult(update_over_air(port, node_id, firmware_folder(), settings, status.update))
 
 
 def _order(args: argparse.Namespace, is_fleet: bool) -> SettingsOrder:

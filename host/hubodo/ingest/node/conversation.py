@@ -80,6 +80,7 @@ class Conversation:
         self._decoders: dict[str, FrameDecoder] = {}
         self._request_encoder = RequestEncoder(node_id or 0)
         self._received_ids: set[int] = set()
+        self._identities: list[tuple[int, tuple[int, ...]]] = []
         self._sender = ""
         self._first_bytes = bytearray()
         self._byte_count = 0
@@ -191,6 +192,16 @@ class Conversation:
             raise _refusal_error(self._port.text, UpdateStart.__name__, refusals[0])
         return states[0] if states else None
 
+    def wait_identity(self, timeout_s: float) -> tuple[int, tuple[int, ...]]:
+        """Request a `Hello`; return fingerprint and version of a node of any version. Raises LinkError."""
+        self._identities.clear()
+        end = time.monotonic() + timeout_s
+        while time.monotonic() < end:
+            self._send(GetHello())
+            if self._wait(lambda: bool(self._identities), _ANSWER_TIMEOUT_S):
+                return self._identities[-1]
+        raise LinkError(f"{self._port.text}: no Hello in {timeout_s:.0f} s")
+
     def set_node_id(self, node_id: int) -> None:
         """Address the node by another id from now on."""
         self.node_id, self._received_ids = node_id, set()
@@ -279,6 +290,7 @@ class Conversation:
         try:
             if frame.type_id == Hello.type_id and self.node_id is not None:
                 fingerprint, version = hello_identity(frame.payload)
+                self._identities.append((fingerprint, version))
                 if fingerprint != FINGERPRINT and self.any_version:
                     return None
                 if fingerprint != FINGERPRINT:
