@@ -142,12 +142,15 @@ def missing_codes(t, gyro, accel, rng, size):
     """Convert with codes as wide as the noise, whose edges are off by 0.4 of a code; a tenth are missing."""
     step = np.median(np.abs(np.diff(gyro, axis=0))) / 0.6745 / np.sqrt(2)
     first = np.floor(gyro.min() / step) - 2
-    edges = first + np.arange(np.ceil(gyro.max() / step) - first + 3.0)
-    codes = edges + 0.5
-    edges = np.sort(edges + 0.4 * rng.standard_normal(len(edges)).clip(-1, 1))
-    used = np.flatnonzero(rng.random(len(edges)) > 0.1)
-    index = np.clip(np.searchsorted(edges[used], gyro / step) - 1, 0, len(used) - 1)
-    return t, step * codes[used[index]], accel
+    codes = first + np.arange(np.ceil(gyro.max() / step) - first + 3.0)
+    edges = np.sort(codes - 0.5 + 0.4 * rng.standard_normal(len(codes)).clip(-1, 1))
+    used = rng.random(len(codes)) > 0.1
+    # The width of a missing code is shared by its neighbours, so that the mean over all codes has no bias.
+    middle = (edges + np.append(edges[1:], edges[-1] + 1)) / 2
+    edges[1:] = np.where(used[:-1], edges[1:], middle[:-1])
+    edges = np.where(used, edges, middle)[used]
+    index = np.clip(np.searchsorted(edges, gyro / step) - 1, 0, len(edges) - 1)
+    return t, step * codes[used][index], accel
 
 
 def low_pass(t, gyro, accel, rng, size):

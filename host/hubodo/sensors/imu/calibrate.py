@@ -23,7 +23,7 @@ from hubodo.sensors.imu.result import ImuCalibration, TriadCalibration
 from hubodo.sensors.imu.scalar_calibration import Convention, ScalarCalibration
 from hubodo.sensors.imu.standstills import Standstills, find_standstills
 from hubodo.sensors.imu.turns import Turns, collect_turns
-from hubodo.sensors.imu.uneven_codes import uneven_code_sigma
+from hubodo.sensors.imu.uneven_codes import uneven_code_sigma, widen_accelerometers
 from hubodo.sensors.imu.vector_references import (
     calibrate_by_earth_rate,
     calibrate_by_table,
@@ -65,8 +65,9 @@ def calibrate_imu(
         rests, alone = calibrate_gyro_alone(t, gyro, table_rate, min_standstill)
         notes = [f"gyros: {alone.method}", "gyro misalignments by the symmetric convention: no accelerometer"]
         return ImuCalibration(rests, gravity, None, None, alone, tuple(notes))
+    standstills = find_standstills(t, gyro, accel, min_duration=min_standstill)
     standstills, accelerometers, held_out, notes = calibrate_accelerometers(
-        find_standstills(t, gyro, accel, min_duration=min_standstill), gravity, convention
+        widen_accelerometers(accel, standstills), gravity, convention
     )
     if not gyro.shape[1]:
         return ImuCalibration(standstills, gravity, accelerometers, held_out, None, tuple(notes))

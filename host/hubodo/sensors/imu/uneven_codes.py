@@ -1,11 +1,12 @@
-"""Uneven codes of a converter in standstills: an error of the gyro bias that is the same in all poses."""
+"""Uneven codes of a converter in standstills: errors of the gyro bias, and of accelerometers in each pose."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
-from scipy.special import fdtrc, ndtr
+from scipy.special import chdtrc, fdtrc, ndtr
 
 from hubodo.arrays import Array
 from hubodo.sensors.imu.quantisation import find_quantisation_steps
@@ -19,6 +20,8 @@ _MIN_UNEVENNESS, _MAX_CHANCE = 0.1, 1e-5
 _DENSITY_PARAMETERS = 3
 """Count, mean and standard deviation of the normal density."""
 _ROUNDING_VARIANCE = 1.0 / 12.0
+_MIN_POSE_CODE_COUNT = 20.0
+"""Expected count from which a code is judged in one pose."""
 
 
 def uneven_code_sigma(gyro: Array, standstills: Standstills, notes: list[str]) -> Array:
@@ -37,9 +40,7 @@ def uneven_code_sigma(gyro: Array, standstills: Standstills, notes: list[str]) -
     for k in np.flatnonzero(steps):
         spans = zip(standstills.start, standstills.end, strict=True)
         poses = [np.rint(gyro[i:j, k] / steps[k]) for i, j in spans if j > i + 1]
-        scatter[k] = math.sqrt(
-            max(0.0, float(np.mean([it.var(ddof=1) for it in poses])) - _ROUNDING_VARIANCE)
-        )
+        scatter[k] = _white_scatter(poses)
         if _SCATTER_RANGE[0] <= scatter[k] <= _SCATTER_RANGE[1]:
             axes.append(_code_deviations(poses, float(scatter[k])))
     axes = [it for it in axes if it.shape[1] > _DENSITY_PARAMETERS]
@@ -51,10 +52,7 @@ def uneven_code_sigma(gyro: Array, standstills: Standstills, notes: list[str]) -
     unevenness = math.sqrt(max(0.0, float((deviation**2 - sigma**2).sum()) / dof))
     if chance > _MAX_CHANCE or unevenness < _MIN_UNEVENNESS:
         return np.zeros(3)
-    # A width is the difference of two edges. The errors e of independent edges move the mean by the sum of
-    # e times the density there: rms e sqrt(1 / (2 sqrt(pi) s)) for normal noise of s steps.
-    density = 1.0 / np.sqrt(2.0 * math.sqrt(math.pi) * np.maximum(scatter, _SCATTER_RANGE[0]))
-    result = np.asarray(steps * density * unevenness / math.sqrt(2.0))
+    result = _sigma_of_means(steps, scatter, unevenness)
     text = ", ".join(f"{math.degrees(it) * 3600.0:.3g}" for it in result)
     notes.append(
         f"the codes of the gyros' converter are uneven by {unevenness:.0%} (1σ; steps of "
@@ -62,6 +60,65 @@ def uneven_code_sigma(gyro: Array, standstills: Standstills, notes: list[str]) -
         f"the sigmas include {text} °/h for it"
     )
     return result
+
+
+def widen_accelerometers(accel: Array, standstills: Standstills) -> Standstills:
+    """Return the standstills with the error of uneven or missing codes in the sigmas of the accelerometers.
+
+    accel: (N, 3) m/s². Each pose uses other codes, so that the error of its mean is independent. In each, the
+    counts of its codes are compared with those of even codes and normal noise; all poses are pooled.
+    """
+    steps = find_quantisation_steps(accel)
+    scatter, misfit, total_dof, excess, squares = np.zeros(3), 0.0, 0, 0.0, 0.0
+    for k in np.flatnonzero(steps):
+        spans = zip(standstills.start, standstills.end, strict=True)
+        poses = [np.rint(accel[i:j, k] / steps[k]) for i, j in spans if j > i + 1]
+        scatter[k] = _white_scatter(poses)
+        if not _SCATTER_RANGE[0] <= scatter[k] <= _SCATTER_RANGE[1]:
+            continue
+        for pose in poses:
+            difference, expected = _code_counts(pose, float(scatter[k]))
+            misfit += float((difference**2 / expected).sum())
+            total_dof += len(expected)
+            excess += float((difference**2 - expected).sum())
+            squares += float((expected**2).sum())
+    if total_dof == 0 or chdtrc(total_dof, misfit) > _MAX_CHANCE:
+        return standstills
+    unevenness = math.sqrt(max(0.0, excess / squares))
+    if unevenness < _MIN_UNEVENNESS:
+        return standstills
+    sigma = np.hypot(standstills.accel_sigma, _sigma_of_means(steps, scatter, unevenness))
+    note = (
+        f"the codes of the accelerometers' converter are uneven by {unevenness:.0%} (1σ; steps of "
+        f"{float(steps.max()):.3g} m/s²): the sigmas include it"
+    )
+    return replace(standstills, accel_sigma=sigma, rejected=(*standstills.rejected, note))
+
+
+def _white_scatter(poses: list[Array]) -> float:
+    """Return the standard deviation of the noise before rounding, in steps."""
+    return math.sqrt(max(0.0, float(np.mean([it.var(ddof=1) for it in poses])) - _ROUNDING_VARIANCE))
+
+
+def _sigma_of_means(steps: Array, scatter: Array, unevenness: float) -> Array:
+    """Return the (3,) errors (1σ) of a mean over few codes whose widths are uneven.
+
+    A width is the difference of two edges. The errors e of independent edges move the mean by the sum of e
+    times the density there: rms e sqrt(1 / (2 sqrt(pi) s)) for normal noise of s steps.
+    """
+    density = 1.0 / np.sqrt(2.0 * math.sqrt(math.pi) * np.maximum(scatter, _SCATTER_RANGE[0]))
+    return np.asarray(steps * density * unevenness / math.sqrt(2.0))
+
+
+def _code_counts(pose: Array, scatter: float) -> tuple[Array, Array]:
+    """Return the counts of the codes of a pose minus the expected ones, and the expected ones, (C,)."""
+    codes = np.arange(pose.min(), pose.max() + 1.0)
+    edges = np.append(codes - 0.5, codes[-1] + 0.5)
+    sigma = math.sqrt(max(pose.var(ddof=1) - _ROUNDING_VARIANCE, (0.5 * scatter) ** 2))
+    expected = len(pose) * np.diff(ndtr((edges - pose.mean()) / sigma))
+    difference = np.bincount((pose - codes[0]).astype(np.int64), minlength=len(codes)) - expected
+    used = expected > _MIN_POSE_CODE_COUNT
+    return np.asarray(difference[used]), np.asarray(expected[used])
 
 
 def _code_deviations(poses: list[Array], scatter: float) -> Array:
