@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -59,7 +60,8 @@ class TrueMotion:
     """True motion of a node without lever arm, stored with the arguments that determine it.
 
     rate in rad/s, rate_derivative in rad/s² and specific force in m/s² are (3, N) in node axes; `geometry`
-    has no lever arm.
+    has no lever arm. `arm_forces` stores the force that the first lever arm added, which most effects leave
+    unchanged.
     """
 
     body: BodyMotion
@@ -70,6 +72,18 @@ class TrueMotion:
     rate: Array
     rate_derivative: Array
     force: Array
+    arm_forces: dict[tuple[float, float, float], Array] = field(default_factory=dict)
+
+    def force_at(self, arm: tuple[float, float, float]) -> Array:
+        """Return the specific force at the end of a lever arm in m, (3, N) m/s²."""
+        if not any(arm):
+            return self.force
+        added = self.arm_forces.get(arm)
+        if added is None:
+            added = lever_arm_force(self.rate, self.rate_derivative, arm)
+            if not self.arm_forces:
+                self.arm_forces[arm] = added
+        return np.asarray(self.force + added)
 
 
 @dataclass
@@ -188,6 +202,10 @@ class NodeModel:
         """Clear the cached motion of the node, which is large for a long log."""
         self._cached_motion.clear()
 
+    def body_at_stamps(self) -> BodyMotion:
+        """Return the motion of the vehicle at the time stamps, cached."""
+        return self._body([], 0.0)
+
     def geometry(self, effects: Iterable[Effect]) -> Geometry:
         """Return the geometry of vehicle and wheel with the effects."""
         geometry = Geometry(self.mount.side, self.wheel_radius, self.track_width)
@@ -244,9 +262,7 @@ class NodeModel:
         motion = self._node_motion(
             body, replace(geometry, lever_arm=(0.0, 0.0, 0.0)), start, angle_error, correction
         )
-        rolling, rate, force = motion.rolling, motion.rate, motion.force
-        if any(geometry.lever_arm):
-            force = force + lever_arm_force(rate, motion.rate_derivative, geometry.lever_arm)
+        rolling, rate, force = motion.rolling, motion.rate, motion.force_at(geometry.lever_arm)
         chain = SensorChain(
             body.t - self.power_on, body.temperature, rate, motion.rate_derivative, force, rate, force
         )
@@ -307,13 +323,19 @@ class NodeModel:
         t = self.stamps - stamp_delay if np.any(stamp_delay) else self.stamps
         for effect in effects:
             t = effect.true_time(t)
-        key = hash(t.tobytes())
-        body = self._cached_bodies.get(key)
+        key = self._stamps_key if t is self.stamps else hash(t.tobytes())
+        body = self._cached_bodies.pop(key, None)
         if body is None:
             while len(self._cached_bodies) >= _CACHED_BODIES:
                 self._cached_bodies.pop(next(iter(self._cached_bodies)))
-            body = self._cached_bodies[key] = self.inputs.at(t)
+            body = self.inputs.at(t)
+        # The last used one is last in order, so that the first is the one to discard.
+        self._cached_bodies[key] = body
         return body
+
+    @cached_property
+    def _stamps_key(self) -> int:
+        return hash(self.stamps.tobytes())
 
 
 def _select(value: Array | float, samples: slice) -> Array | float:

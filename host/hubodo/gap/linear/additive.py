@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -12,6 +13,14 @@ from hubodo.effects import Effect
 from hubodo.effects.sensor_chain import SensorChain
 
 _NON_ADDITIVE_STAGES = ("true_time", "adjust_geometry", "rotate_into_node", "low_pass_rate")
+_READING_STAGES = (
+    "true_time",
+    "rotate_into_node",
+    "low_pass_rate",
+    "add_scale_errors",
+    "add_offsets",
+    "clip_readings",
+)
 
 
 class AdditiveEffects:
@@ -27,6 +36,16 @@ class AdditiveEffects:
     def is_additive(self, kind: type[Effect]) -> bool:
         """Return True if effects of a class only add, and no later stage of the sensor chain is nonlinear."""
         return self._straight and not any(_overrides(kind, stage) for stage in _NON_ADDITIVE_STAGES)
+
+    @cached_property
+    def gyro_feels_force(self) -> bool:
+        """Return True if an effect lets the gyro respond to force, so that a force of NaN shows."""
+        some = self._chain.select(slice(0, 1))
+        probe = replace(some, gyro=some.rate.copy(), accel=some.force.copy(), force=np.full((3, 1), np.nan))
+        for effect in self._effects.values():
+            effect.add_scale_errors(probe)
+            effect.add_offsets(probe)
+        return bool(np.isnan(probe.gyro).any())
 
     def reading_change(self, effect: Effect) -> Array:
         """Return the change of the readings, (6, N), if an effect replaces the node's own of that class."""
@@ -45,6 +64,11 @@ class AdditiveEffects:
         effect.add_scale_errors(output)
         effect.add_offsets(output)
         return readings
+
+
+def changes_only_geometry(kind: type[Effect]) -> bool:
+    """Return True if effects of a class change the geometry and nothing else of a mean reading."""
+    return not any(_overrides(kind, stage) for stage in _READING_STAGES)
 
 
 def _overrides(kind: type[Effect], stage: str) -> bool:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.effects import Effect
-from hubodo.gap.linear.additive import AdditiveEffects
+from hubodo.gap.linear.additive import AdditiveEffects, changes_only_geometry
 from hubodo.gap.problem.problem import NodeData
 from hubodo.gap.state.measured_speed import average_speed_errors, build_measuring_chain
 from hubodo.gap.state.state import Effects, State, stack_channels
@@ -46,6 +47,8 @@ class SpeedCoupling:
         changed_sources = [node for node in sources if node.name in changed]
         if correction is None or not changed_sources:
             return None
+        if not any(self._moves_gyro(node, effects[node.name], effect) for node in changed_sources):
+            return None
         if all(self._added[node.name].is_additive(type(effect)) for node in changed_sources):
             speed = average_speed_errors(
                 sources,
@@ -57,6 +60,14 @@ class SpeedCoupling:
             assert changed_correction is not None
             speed = changed_correction.speed - correction.speed
         return SpeedCorrection(correction.t, speed / step) if speed.any() else None
+
+    def _moves_gyro(self, node: NodeData, effects: Mapping[type[Effect], Effect], effect: Effect) -> bool:
+        """Return False if an effect only adds a lever arm, and the gyro of the node does not feel forces."""
+        if not changes_only_geometry(type(effect)) or self._added[node.name].gyro_feels_force:
+            return True
+        own = self._state.effects[node.name]
+        before, after = (node.forward.geometry(some.values()) for some in (own, effects))
+        return replace(after, lever_arm=before.lever_arm) != before
 
     def _read(self, node: NodeData, effect: Effect) -> Array:
         """Return the change of the error of the measured speed, (N,) m/s, by an additive effect."""
@@ -84,10 +95,11 @@ class SpeedSensitivity:
             # The distance of a wheel is its angle times its radius.
             radius = node.forward.geometry(state.effects[node.name].values()).radius
             columns.append(state.phase_columns[node.name] / radius)
-        self._answers = columns
+        self._answers, self._product = columns, np.empty_like(base)
 
     def add(self, slope: SpeedCorrection, columns: NDArray[np.float32]) -> None:
         """Add the node's change for a slope of the speed correction to `columns`, (6, N)."""
-        columns += sum(
-            column * value for column, value in zip(self._answers, slope.at(self._t), strict=False)
-        )
+        total = np.zeros_like(self._answers[0])
+        for column, value in zip(self._answers, slope.at(self._t), strict=False):
+            total += np.multiply(column, value, out=self._product)
+        columns += total

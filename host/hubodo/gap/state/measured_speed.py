@@ -61,7 +61,7 @@ def compute_speed_error(
     error = (radius / nominal - 1.0) * contact - radius * gyro_error
     if not np.array_equal(body.t, node.t):
         # The true sampling times of the gyro differ from its stamps.
-        stamped = node.forward.inputs.at(node.t)
+        stamped = node.forward.body_at_stamps()
         error += stamped.speed - stamped.yaw_rate * y - contact
     correction = error + body.yaw_rate * y if is_only_source else error
     return SpeedError(correction, -facing * radius, rolling.angle, body.t)
@@ -96,7 +96,8 @@ def correct_measured_speed(
     }
     for _ in range(_CLOCK_PASSES if shifted else 0):
         for name, stamps in shifted.items():
-            late = np.interp(stamps, t, correction) - np.interp(errors[name].true_times, t, correction)
+            stamped = correction if stamps is t else np.interp(stamps, t, correction)
+            late = stamped - np.interp(errors[name].true_times, t, correction)
             changes[name] = errors[name].correction + late
         correction = average_speed_errors(sources, weights, changes)
     return correction
