@@ -43,12 +43,10 @@ def reconsider_effects(
     reject: effects not considered
     """
     effects = _EffectSet(
-        result.final, {judged.best.key: judged for judged in result.rounds if judged.best is not None}
+        result.final,
+        {judged.best.key: judged for judged in result.rounds if judged.best is not None},
+        is_search_complete=not result.used_decimation and not accept,
     )
-    keys = [term.key for term in effects.terms]
-    if len(keys) == 1 and keys[0] in effects.original_rounds and not result.used_decimation and not accept:
-        # A single effect has already been judged with all others in the model.
-        return result, {keys[0]: effects.original_rounds[keys[0]]}
     reconsideration = _Reconsideration(accept, reject, observer or SearchObserver())
     rounds, revised = reconsideration.run_pass(effects)
     while revised is not None:
@@ -69,12 +67,14 @@ class _EffectSet:
     original_rounds: the round that found each effect
     earlier: keys of the sets that this one replaced
     confirmed_rounds: rounds in which an earlier set confirmed an effect that is still there
+    is_search_complete: True if the search used all samples in each round and tested each effect
     """
 
     final: Refit
     original_rounds: RoundsByKey
     earlier: tuple[frozenset[tuple[str, str]], ...] = ()
     confirmed_rounds: RoundsByKey = field(default_factory=dict)
+    is_search_complete: bool = False
 
     @property
     def n_replaced(self) -> int:
@@ -112,10 +112,24 @@ class _EffectSet:
 
     def settled_rounds(self) -> dict[tuple[str, str], Round]:
         """Return the rounds of the effects that need no reconsideration."""
-        if len(self.terms) <= _MAX_FULL_RECONSIDERATION:
-            return {}
         rounds = {**self.original_rounds, **self.confirmed_rounds}
-        return {term.key: rounds[term.key] for term in self.terms if self._is_settled(term)}
+        is_small = len(self.terms) <= _MAX_FULL_RECONSIDERATION
+        return {
+            term.key: rounds[term.key]
+            for term in self.terms
+            if self._was_judged_beside_all(term) or (not is_small and self._is_settled(term))
+        }
+
+    def _was_judged_beside_all(self, term: ModelTerm) -> bool:
+        """Return True if all others, and no further effect, were in the model when an effect was added."""
+        judged = self.original_rounds.get(term.key)
+        if judged is None or not self.is_search_complete:
+            return False
+        if term.effect.is_process() and len(self.terms) > 1:
+            # Several effects together may replace the walk.
+            return False
+        others = {other.key for other in judged.evaluation.state.terms if other.is_fitted}
+        return others == self.keys - {term.key}
 
     def _is_settled(self, term: ModelTerm) -> bool:
         """Return True if an effect retains its gain, and all effects that preceded it are still in the set.

@@ -33,6 +33,7 @@ from hubodo.gap.scatter import SCATTER_DETECTORS, Proposal
 from hubodo.gap.screen.null_distribution import NullDistribution
 from hubodo.gap.screen.screening import ScreenedCandidate, screen_candidates
 from hubodo.gap.screen.unnamed_terms import UnnamedTerm, find_unnamed_terms
+from hubodo.gap.state.terms import ALL
 
 # Name for `--reject` that excludes all unnamed terms.
 EMPIRICAL = "empirical"
@@ -54,6 +55,8 @@ _MIN_UNNAMED_ADVANTAGE = (1.2, 2.0)
 # Gain in ln likelihood, tempered, that a hypothesis has to have for each of its coordinates, where residuals
 # are so correlated.
 _COORDINATE_PENALTY = 10.0
+# ln prior odds of an effect in one node over the same value in all.
+_COINCIDENCE_NATS = math.log(2.0)
 # ln Bayes factor for independent samples, from which on an effect is added provisionally.
 _PROVISIONAL_EVIDENCE = 20.0
 # Fractions of a round's progress after screening, refits, and comparison under common weights.
@@ -135,7 +138,8 @@ def judge_round(
     selected = _select_for_refit(screened, always_refit, strictly_screened)
     states = [before.state.with_term(item.candidate.term) for item in selected]
     evaluations = [before.evaluation.with_state(state) for state in states]
-    initial_fits = [linearise_fit(one, screening.linearisation) for one in evaluations]
+    # All hypotheses leave the same given effects free as the fit before, to which they are compared.
+    initial_fits = [linearise_fit(one, screening.linearisation, before) for one in evaluations]
     null = screening.null_distribution
     del screening  # its matrices are large and no longer needed
     refits: list[Refit] = []
@@ -175,10 +179,12 @@ def _refit_with_common_weights(before: Refit, refits: Sequence[Refit]) -> tuple[
     """Return the fits before and after under the same weights, so that their likelihoods are comparable."""
     tracked = [track_wheel_phase(fit.without_cache().state) for fit in refits]
     weights = _strictest_weights(before.evaluation.weights, [walks for _, walks in tracked])
+    baseline = refit(Evaluation(before.state, weights), rounds=0)
     common = [
-        fit_tracked(Evaluation(replace(state), weights), rounds=1).without_cache() for state, _ in tracked
+        fit_tracked(Evaluation(replace(state), weights), rounds=1, baseline=baseline).without_cache()
+        for state, _ in tracked
     ]
-    return refit(Evaluation(before.state, weights), rounds=0), common
+    return baseline, common
 
 
 def _prefer_simple(ordered: tuple[Hypothesis, ...], tempering: float) -> tuple[Hypothesis, ...]:
@@ -186,9 +192,9 @@ def _prefer_simple(ordered: tuple[Hypothesis, ...], tempering: float) -> tuple[H
 
     Where residuals are correlated, any further coordinate can absorb some of the road's irregularities. If
     gains differ by less than the penalty of one coordinate, the more probable hypothesis is preferred. Of
-    several scopes of that effect, the one with the largest gain on held-out samples is preferred; if these
-    gains are equal, the one with the larger prior: a node with late samples rather than another with early
-    ones. The two hypotheses exchange their probabilities.
+    several scopes of that effect with equal gains on held-out samples, the one with the largest likelihood
+    and prior is preferred: a node with late samples rather than another with early ones. The two hypotheses
+    exchange their probabilities.
     """
     if not ordered or ordered[0].state is None or tempering < MIN_CORRELATED_TEMPERING:
         return ordered
@@ -204,7 +210,7 @@ def _prefer_simple(ordered: tuple[Hypothesis, ...], tempering: float) -> tuple[H
     chosen = next((k for k, gain in gains.items() if gain > best_gain - penalty), 0)
     chosen = max(
         _list_equal_scopes(ordered, chosen),
-        key=lambda k: (-ordered[k].term.effect.neg_log_prior(), ordered[k].held_out_total),
+        key=lambda k: _score_scope(ordered[k], tempering),
         default=chosen,
     )
     result = list(ordered)
@@ -212,6 +218,16 @@ def _prefer_simple(ordered: tuple[Hypothesis, ...], tempering: float) -> tuple[H
     if chosen:
         result[chosen] = replace(first, probability=ordered[chosen].probability)
     return share_between_scopes(result)
+
+
+def _score_scope(one: Hypothesis, tempering: float) -> float:
+    """Return ln likelihood and prior of a hypothesis, for the comparison of scopes of one effect.
+
+    That all nodes have the same value of an effect of their own would be a coincidence.
+    """
+    is_coincidence = one.term.scope == ALL and one.term.effect.level == "node"
+    log_prior = -one.term.effect.neg_log_prior() - (_COINCIDENCE_NATS if is_coincidence else 0.0)
+    return one.determined_gain / tempering + log_prior
 
 
 def share_between_scopes(ordered: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
@@ -365,4 +381,5 @@ def _detect_scatter(
 
 
 def _refit_with(before: Refit, item: Proposal | UnnamedTerm, rounds: int) -> Refit:
-    return refit(before.evaluation.with_state(before.state.with_term(item.term)), rounds).without_cache()
+    evaluation = before.evaluation.with_state(before.state.with_term(item.term))
+    return refit(evaluation, rounds, baseline=before).without_cache()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -22,7 +23,7 @@ from hubodo.gap.process_noise.process_noise import (
     noise_indices,
     shared_walk_covariance,
 )
-from hubodo.gap.process_noise.residual import Residual
+from hubodo.gap.process_noise.residual import Residual, WalkSteps
 from hubodo.gap.process_noise.segments import (
     BLOCK_WINDOWS,
     Segment,
@@ -99,7 +100,7 @@ class Evaluation:
         columns: sensitivity columns, None for the residual alone
         smooth: True to include the smoothed walks
         """
-        noises = list_process_noise(self.state, self.weights.wheel_walks)
+        noises = self._noises
         return filter_innovations(
             self._node_segments(noises, columns),
             [noise.walk for noise in noises],
@@ -184,8 +185,7 @@ class Evaluation:
 
     def estimate_process_noise(self) -> Iterator[NodeNoiseEstimate]:
         """Yield the smoothed process noise of each node, one segment after the other."""
-        noises, grid = list_process_noise(self.state, self.weights.wheel_walks), window_grid(self.problem)
-        smoothed = self.compute_innovations(None, 0, smooth=True).smoothed
+        noises, grid, smoothed = self._noises, window_grid(self.problem), self._smoothed_walks
         for segment in split_segments(self.problem):
             state = self.state.select(segment.samples)
             for node in state.problem.nodes:
@@ -200,6 +200,27 @@ class Evaluation:
                     )
                     components.append((noises[index], column, value))
                 yield NodeNoiseEstimate(node, state, segment.samples[node.name], components)
+
+    @property
+    def _noises(self) -> list[ProcessNoise]:
+        return list_process_noise(self.state, self.weights.wheel_walks)
+
+    @cached_property
+    def _smoothed_walks(self) -> Array:
+        """Return the smoothed process noise in each window, (K, C), relative to the tracked values."""
+        return self.compute_innovations(None, 0, smooth=True).smoothed
+
+    def _walk_steps(self, node: NodeData) -> WalkSteps:
+        """Return the steps of the smoothed random walks of one node."""
+        noises, grid = self._noises, window_grid(self.problem)
+        walks = self._smoothed_walks.T + self._tracked_values(noises)
+        steps = [
+            (walk[1:] - noise.walk.decay(WINDOW_DURATION) * walk[:-1]) / math.sqrt(growth)
+            for noise, walk in zip(noises, walks, strict=True)
+            if noise.node == node.name and (growth := noise.walk.growth(WINDOW_DURATION)) > 0.0
+        ]
+        first_samples = np.minimum(window_edges(grid, node)[1:-1], len(node.t) - 1)
+        return WalkSteps(np.array(steps).reshape(-1, len(first_samples)), first_samples)
 
     @cached_property
     def residuals(self) -> Mapping[str, Residual]:
@@ -247,6 +268,7 @@ class Evaluation:
                 sigmas[node.name],
                 speed + yaw_rate,
                 self.state.effects[node.name],
+                self._walk_steps(node),
             )
         return residuals, input_noise
 

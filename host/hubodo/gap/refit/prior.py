@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.effects import Effect
+from hubodo.gap.linear.linearisation import invert_information
 from hubodo.gap.state.terms import ModelTerm
 
 # 1 sigma of the prior in usual sizes of a coordinate. It decides only where the log does not: a coordinate
@@ -18,6 +19,8 @@ _PRIOR_SCALES = 3.0
 # Tempering above which residuals are so correlated that a small difference of a given effect looks like
 # another effect; below it the difference itself is visible, and is one.
 _MIN_GIVEN_TEMPERING = 2.0
+# Largest difference of a given effect from the model file that counts as repeatability, in its sigmas.
+_MAX_DIFFERENCE_SIGMA = 2.0
 # Information about a frozen coordinate, more than any log has.
 _FROZEN_INFORMATION = 1e15
 
@@ -78,6 +81,56 @@ def build_prior(terms: Sequence[ModelTerm], size: int, tempering: float) -> Coor
         first += len(scales)
     value[information == 0.0] = 0.0
     return CoordinatePrior(information, value, tempering)
+
+
+def coordinate_slice(terms: Sequence[ModelTerm], term: ModelTerm) -> slice:
+    """Return the positions of the coordinates of one of some terms. Raises KeyError for another term."""
+    first = 0
+    for other in terms:
+        size = len(other.effect.coordinates())
+        if other.key == term.key:
+            return slice(first, first + size)
+        first += size
+    raise KeyError(term.key)
+
+
+def adopt_prior(
+    terms: Sequence[ModelTerm], size: int, other: CoordinatePrior, other_terms: Sequence[ModelTerm]
+) -> CoordinatePrior:
+    """Return the prior of terms with the tempering of another prior and the given effects that it holds."""
+    held = {
+        term.key
+        for term in other_terms
+        if term.is_nuisance and not other.is_free[coordinate_slice(other_terms, term)].any()
+    }
+    is_held = np.zeros(size, bool)
+    for term in terms:
+        if term.is_nuisance and term.key in held:
+            is_held[coordinate_slice(terms, term)] = True
+    return build_prior(terms, size, other.tempering).freeze(is_held)
+
+
+def determine_prior(
+    terms: Sequence[ModelTerm], gram: Array, raw_squares: Array, tempering: float
+) -> CoordinatePrior:
+    """Return the prior of the coordinates of free terms and given effects, then attitudes.
+
+    A given effect that would differ by more than its repeatability is held at its value: something else is
+    missing.
+    """
+    prior = build_prior(terms, len(gram) - 1, tempering)
+    given = [term for term in terms if term.is_nuisance]
+    while given:
+        covariance = invert_information(gram[:-1, :-1], raw_squares, prior.information)
+        step = np.abs(covariance @ (gram[:-1, -1] - prior.gradient))
+        excess = [step[coordinate_slice(terms, term)].max(initial=0.0) / term.repeatability for term in given]
+        if max(excess) <= _MAX_DIFFERENCE_SIGMA:
+            break
+        held = given.pop(int(np.argmax(excess)))
+        selected = np.zeros(len(step), bool)
+        selected[coordinate_slice(terms, held)] = True
+        prior = prior.freeze(selected)
+    return prior
 
 
 def _has_prior(kind: type[Effect]) -> Array:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtri
 
 from hubodo.arrays import Array
 from hubodo.gap.linear.directions import directions_of_terms, move_terms
@@ -16,7 +14,8 @@ from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.process_noise.tracking import estimate_weights, track_wheel_phase
 from hubodo.gap.process_noise.weights import weights_from_residuals
 from hubodo.gap.refit.cross_validation import FoldDeviances, cross_validate
-from hubodo.gap.refit.prior import CoordinatePrior, build_prior
+from hubodo.gap.refit.prior import CoordinatePrior, adopt_prior, coordinate_slice, determine_prior
+from hubodo.gap.refit.tempering import compute_tempering, measure_tempering
 from hubodo.gap.state.state import ATTITUDE_SCALE, State
 from hubodo.gap.state.terms import ModelTerm
 from hubodo.model.forward import NodeInitialState
@@ -32,14 +31,10 @@ _STEP_FRACTIONS = (1.0, 0.3, 0.1)
 _MIN_PROMISED_SHARE = 0.5
 # A fit has stalled if an iteration gains no likelihood and leaves more than this share of the step.
 _STALLED_STEP_RATIO = 0.7
-# P-value (1 sigma, one-sided) above which excess scatter of the block scores is attributed to chance.
-_CHANCE_SCATTER_P_VALUE = 0.16
 # Iterations after which a fit above its maximum deviance is abandoned.
 _MIN_ITERATIONS = 2
 # Iterations for weights and fit to become consistent.
 _MAX_WEIGHT_UPDATES = 5
-# Largest difference of a given effect from the model file that counts as repeatability, in its sigmas.
-_MAX_DIFFERENCE_SIGMA = 2.0
 
 
 @dataclass(frozen=True)
@@ -59,6 +54,7 @@ class Refit:
     channel_shares: (K, C) squares of each coordinate's column in each channel, relative to its largest; None
         in a fit to two logs
     given_gain: gain of ln likelihood by differences of the given effects within their repeatability
+    given_tempering: tempering of the coordinates and the given effects together
     """
 
     evaluation: Evaluation
@@ -73,10 +69,16 @@ class Refit:
     prior: CoordinatePrior
     channel_shares: Array | None = None
     given_gain: float = 0.0
+    given_tempering: float = 1.0
 
     @property
     def state(self) -> State:
         return self.evaluation.state
+
+    @property
+    def terms(self) -> list[ModelTerm]:
+        """Return the terms whose coordinates the fit has, in order: the free ones, then the given effects."""
+        return [*self.free_terms, *(term for term in self.state.terms if term.is_nuisance)]
 
     @property
     def step(self) -> Array:
@@ -139,29 +141,9 @@ class Refit:
         Few blocks scatter by chance; the excess that one in six such logs would show is deducted. Scores of
         given effects count as well: there are more of them than of one effect.
         """
-        tempering = _compute_tempering(self.block_scores, self.covariance)
+        tempering = compute_tempering(self.robust_covariance, self.covariance, len(self.block_scores))
         given = self.given_indices
-        return max(tempering, self.prior.tempering) if given.stop > given.start else tempering
-
-
-def coordinate_slice(terms: Sequence[ModelTerm], term: ModelTerm) -> slice:
-    """Return the positions of the coordinates of one of some terms. Raises KeyError for another term."""
-    first = 0
-    for other in terms:
-        size = len(other.effect.coordinates())
-        if other.key == term.key:
-            return slice(first, first + size)
-        first += size
-    raise KeyError(term.key)
-
-
-def _compute_tempering(block_scores: Array, covariance: Array) -> float:
-    n_observed = int(np.count_nonzero(np.diag(covariance)))
-    if not n_observed:
-        return 1.0
-    ratio = np.trace(block_scores.T @ block_scores @ covariance) / n_observed
-    degrees_of_freedom = n_observed * max(len(block_scores) - 1.0, 1.0)
-    return max(1.0, float(ratio * degrees_of_freedom / chdtri(degrees_of_freedom, _CHANCE_SCATTER_P_VALUE)))
+        return max(tempering, self.given_tempering) if given.stop > given.start else tempering
 
 
 def compute_gain(before: Refit, after: Refit) -> float:
@@ -184,21 +166,26 @@ def _compute_gain_over(fit: Refit, state: State) -> float:
     return compute_gain(refit(fit.evaluation.with_state(state), rounds=0), fit)
 
 
-def refit(evaluation: Evaluation, rounds: int = _MAX_ITERATIONS) -> Refit:
-    """Fit all terms with `is_fitted`, starting with newly tracked wheels; the weights are not changed."""
-    return fit_tracked(evaluation.with_state(track_wheel_phase(evaluation.state)[0]), rounds)
+def refit(evaluation: Evaluation, rounds: int = _MAX_ITERATIONS, baseline: Refit | None = None) -> Refit:
+    """Fit all terms with `is_fitted`, starting with newly tracked wheels; the weights are not changed.
+
+    baseline: as in `linearise_fit`
+    """
+    return fit_tracked(evaluation.with_state(track_wheel_phase(evaluation.state)[0]), rounds, baseline)
 
 
-def fit_tracked(evaluation: Evaluation, rounds: int = _MAX_ITERATIONS) -> Refit:
+def fit_tracked(
+    evaluation: Evaluation, rounds: int = _MAX_ITERATIONS, baseline: Refit | None = None
+) -> Refit:
     """Fit like `refit`, from a state with tracked wheels; `rounds` of 1 accepts only the full step."""
-    return continue_fit(linearise_fit(evaluation), rounds)
+    return continue_fit(linearise_fit(evaluation, baseline=baseline), rounds)
 
 
 def continue_fit(start: Refit, rounds: int = _MAX_ITERATIONS, max_deviance: float = math.inf) -> Refit:
     """Iterate a fit; one whose deviance stays above `max_deviance` ends after two iterations."""
     step_size = _step_sigmas(start)
     for iteration in range(rounds):
-        tempering = start.tempering
+        tempering = max(start.tempering, start.prior.tempering)
         tolerance = _DEVIANCE_TOLERANCE * tempering
         if step_size**2 < _CONVERGED_SIGMAS**2 * tempering or (
             iteration >= _MIN_ITERATIONS and start.deviance > max_deviance
@@ -207,7 +194,7 @@ def continue_fit(start: Refit, rounds: int = _MAX_ITERATIONS, max_deviance: floa
         # The deviance already includes the step; if it grows, the step left the linear range.
         for fraction in _STEP_FRACTIONS if rounds > 1 else _STEP_FRACTIONS[:1]:
             state, _walks = track_wheel_phase(_apply_step(start, fraction * start.step))
-            attempt = linearise_fit(start.evaluation.with_state(state), previous=start)
+            attempt = linearise_fit(start.evaluation.with_state(state), baseline=start)
             if attempt.objective < start.objective + tolerance + _MIN_PROMISED_SHARE * step_size**2:
                 break
         else:
@@ -244,12 +231,13 @@ def refit_with_weights(state: State) -> Refit:
 
 
 def linearise_fit(
-    evaluation: Evaluation, linearisation: Linearisation | None = None, previous: Refit | None = None
+    evaluation: Evaluation, linearisation: Linearisation | None = None, baseline: Refit | None = None
 ) -> Refit:
     """Linearise a fit at one evaluation, before any step.
 
     linearisation: linearisation along at least the terms of the fit, if already computed
-    previous: fit of the same terms whose prior is used; None to determine it from this fit
+    baseline: fit whose prior of the given effects is used, so that both fits leave the same ones free and
+        their likelihoods are comparable; None to determine it from this fit
 
     Given effects are nuisances: the linear model lets them differ from the model file by their repeatability,
     as far as residuals are correlated, but the fit leaves them at their values.
@@ -271,10 +259,11 @@ def linearise_fit(
     blocks = np.einsum("dk,bde,ef->bkf", transform, linearised.block_grams.unpack(), transform, optimize=True)
     gram, raw_squares = blocks.sum(axis=0), (transform.T**2 @ linearised.raw_squares)[:-1]
     k = sum(len(term.effect.coordinates()) for term in free_terms)
-    if previous is None:
-        prior = _determine_prior(terms, blocks, raw_squares, basis.shape[1])
+    given_tempering = measure_tempering(blocks, raw_squares, basis.shape[1])
+    if baseline is None:
+        prior = determine_prior(terms, gram, raw_squares, given_tempering)
     else:
-        prior = build_prior(terms, len(gram) - 1, previous.prior.tempering).freeze(~previous.prior.is_free)
+        prior = adopt_prior(terms, len(gram) - 1, baseline.prior, baseline.terms)
     covariance = invert_information(gram[:-1, :-1], raw_squares, prior.information)
     step = covariance @ (gram[:-1, -1] - prior.gradient)
     score = blocks[:, :-1, -1] - blocks[:, :-1, :-1] @ step
@@ -300,38 +289,12 @@ def linearise_fit(
         prior,
         channel_squares / largest,
         0.5 * (_compute_deviance(gram, step_as_given) - deviance) if is_given.any() else 0.0,
+        given_tempering,
     )
 
 
 def _compute_deviance(gram: Array, step: Array) -> float:
     return float(gram[-1, -1] - 2.0 * step @ gram[:-1, -1] + step @ gram[:-1, :-1] @ step)
-
-
-def _determine_prior(
-    terms: Sequence[ModelTerm], blocks: Array, raw_squares: Array, count: int
-) -> CoordinatePrior:
-    """Return the prior of the coordinates of free terms and given effects, `count` in total, and attitudes.
-
-    A given effect that would differ by more than its repeatability is held at its value: something else is
-    missing.
-    """
-    gram = blocks.sum(axis=0)
-    covariance = invert_information(gram[:-1, :-1], raw_squares)
-    score = blocks[:, :-1, -1] - blocks[:, :-1, :-1] @ (covariance @ gram[:-1, -1])
-    tempering = _compute_tempering(score[:, :count], covariance[:count, :count])
-    prior = build_prior(terms, len(gram) - 1, tempering)
-    given = [term for term in terms if term.is_nuisance]
-    while given:
-        covariance = invert_information(gram[:-1, :-1], raw_squares, prior.information)
-        step = np.abs(covariance @ (gram[:-1, -1] - prior.gradient))
-        excess = [step[coordinate_slice(terms, term)].max(initial=0.0) / term.repeatability for term in given]
-        if max(excess) <= _MAX_DIFFERENCE_SIGMA:
-            break
-        held = given.pop(int(np.argmax(excess)))
-        selected = np.zeros(len(step), bool)
-        selected[coordinate_slice(terms, held)] = True
-        prior = prior.freeze(selected)
-    return prior
 
 
 def _apply_step(fit: Refit, step: Array) -> State:

@@ -181,7 +181,7 @@ def test_progress_names_each_step_and_its_share_increases(uninterrupted):
     steps = [text for text, _ in uninterrupted.progress]
     assert "round 1: every effect in every scope" in steps
     assert any(text.startswith("round 1: wheel_camber (") for text in steps)
-    assert "reconsidering wheel_camber (left)" in steps
+    assert any(text.startswith("reconsidering ") for text in steps)
     search_shares = [
         share
         for text, share in uninterrupted.progress

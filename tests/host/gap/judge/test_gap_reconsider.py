@@ -2,12 +2,33 @@
 
 from types import SimpleNamespace
 
-from hubodo.gap.judge.reconsider import reconsider_effects
+import pytest
+
+from hubodo.effects import BY_NAME
+from hubodo.gap.judge import reconsider
+from hubodo.gap.state.terms import ModelTerm
 
 
-def test_a_single_effect_already_compared_with_all_others_is_not_reconsidered():
-    term = SimpleNamespace(key=("gyro_bias", "left"), is_fitted=True)
-    last_round = SimpleNamespace(best=SimpleNamespace(key=term.key))
-    evaluation = SimpleNamespace(state=SimpleNamespace(terms=(term,)))
-    result = SimpleNamespace(final=evaluation, rounds=(last_round,), used_decimation=False)
-    assert reconsider_effects(result) == (result, {term.key: last_round})
+@pytest.mark.parametrize(("accept", "n_judged"), [((), 1), (("gyro_bias",), 2)])
+def test_an_effect_that_was_judged_beside_all_others_is_not_judged_again(monkeypatch, accept, n_judged):
+    first, last = (ModelTerm(BY_NAME[name](), "left") for name in ("gyro_bias", "lever_arm"))
+    rounds = tuple(
+        SimpleNamespace(
+            best=SimpleNamespace(key=term.key, term=term),
+            evaluation=SimpleNamespace(state=SimpleNamespace(terms=terms)),
+            find_hypothesis=lambda key: None,
+        )
+        for term, terms in ((first, ()), (last, (first,)))
+    )
+    judged = {first.key: rounds[0], last.key: rounds[1]}
+    calls = []
+
+    def judge_without(self, term, effects):
+        calls.append(term)
+        return judged[term.key]
+
+    monkeypatch.setattr(reconsider._Reconsideration, "_judge_without", judge_without)
+    final = SimpleNamespace(state=SimpleNamespace(terms=(first, last)))
+    result = reconsider.SearchResult(rounds, final)
+    assert reconsider.reconsider_effects(result, accept) == (result, judged)
+    assert calls == [first, last][:n_judged]

@@ -9,7 +9,7 @@ from hubodo.effects import BY_NAME
 from hubodo.gap.judge.search import build_initial_state
 from hubodo.gap.problem.build import build_problem
 from hubodo.gap.process_noise.evaluation import Evaluation
-from hubodo.gap.process_noise.residual import compute_gap, compute_gap_floor
+from hubodo.gap.process_noise.residual import NO_STEPS, compute_gap, compute_gap_floor
 from hubodo.gap.process_noise.tracking import estimate_weights, track_wheel_phase
 from hubodo.gap.state.state import stack_channels
 from hubodo.gap.state.terms import ALL, ModelTerm
@@ -53,6 +53,21 @@ def test_residuals_gap_and_floor_share_one_evaluation_and_one_derivative(evaluat
     fresh = Evaluation(replace(evaluation.state), evaluation.weights)
     compute_gap(fresh.residuals), compute_gap_floor(fresh.residuals), fresh.mean_residuals
     assert len(model_calls) == 6
+
+
+def test_a_walk_that_follows_a_wrong_radius_does_not_hide_it_in_the_gap(evaluation):
+    """The angle of the wheel is tracked by gravity, with steps that are too large for its walk."""
+    rms, gap_ratio = {}, {}
+    for error in (0.0, 5e-3):
+        terms = [ModelTerm(BY_NAME["wheel_radius"](error=error), "left")]
+        state, _ = track_wheel_phase(evaluation.state.reset_with_terms(terms))
+        residual = Evaluation(state, evaluation.weights).residuals["left"]
+        rms[error] = float(np.sqrt(np.mean(residual.walk_steps.steps**2)))
+        without_steps = {"left": replace(residual, walk_steps=NO_STEPS)}
+        gap_ratio[error] = compute_gap({"left": residual}) / compute_gap(without_steps)
+    print(f"rms of the steps, sigma: {rms}, gap with and without them: {gap_ratio}")
+    assert rms[0.0] < 1.0 and rms[5e-3] > 10.0
+    assert 0.98 < gap_ratio[0.0] <= 1.0 and gap_ratio[5e-3] > 1.3
 
 
 def test_a_changed_state_does_not_reuse_cached_predictions(evaluation):

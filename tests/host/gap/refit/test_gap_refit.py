@@ -1,7 +1,5 @@
 """Refit: reduction of a gain by the scatter of block scores, and weights consistent with the fit."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -12,29 +10,41 @@ from hubodo.gap.problem.build import build_problem
 from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.process_noise.tracking import estimate_weights, track_wheel_phase
 from hubodo.gap.refit import refit
-from hubodo.gap.refit.prior import build_prior
-from hubodo.gap.refit.refit import Refit, fit_tracked, refit_with_weights
+from hubodo.gap.refit.prior import adopt_prior, build_prior
+from hubodo.gap.refit.refit import fit_tracked, refit_with_weights
+from hubodo.gap.refit.tempering import compute_tempering
 from hubodo.gap.state.terms import REPEATABILITY, ModelTerm
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
 
 
-def compute_tempering(score):
+def temper_one(score):
     """Return the tempering factor of a fit of one coordinate with unit information in total."""
-    return Refit.tempering.fget(
-        SimpleNamespace(covariance=np.eye(1), block_scores=score, given_indices=slice(1, 1))
-    )
+    return compute_tempering(score.T @ score, np.eye(1), len(score))
 
 
 def test_correlated_blocks_reduce_a_gain_and_independent_ones_hardly_do():
     rng = np.random.default_rng(1)
-    independent = [compute_tempering(rng.standard_normal((15, 1)) / np.sqrt(15.0)) for _ in range(400)]
+    independent = [temper_one(rng.standard_normal((15, 1)) / np.sqrt(15.0)) for _ in range(400)]
     share_above_one = float(np.mean(np.array(independent) > 1.0))
     print(f"seed 1, 400 fits of 15 blocks: mean {np.mean(independent):.3f}, above 1 in {share_above_one:.2f}")
     assert np.mean(independent) < 1.1
     assert 0.05 < share_above_one < 0.3
-    dependent = [compute_tempering(3.0 * rng.standard_normal((60, 1)) / np.sqrt(60.0)) for _ in range(400)]
+    dependent = [temper_one(3.0 * rng.standard_normal((60, 1)) / np.sqrt(60.0)) for _ in range(400)]
     assert 6.0 < np.median(dependent) < 9.5
+
+
+def test_a_nuisance_that_is_nearly_collinear_with_an_effect_does_not_imitate_correlation():
+    """Scores of independent blocks: the marginal variance counts, not the information times that variance."""
+    rng, n_blocks = np.random.default_rng(2), 200
+    information = np.array([[1.0, 0.9999], [0.9999, 1.0]])
+    scores = rng.multivariate_normal([0.0, 0.0], information / n_blocks, n_blocks)
+    covariance = np.linalg.inv(information)
+    robust = covariance @ (scores.T @ scores) @ covariance
+    own = np.s_[:1, :1]
+    tempering = compute_tempering(robust[own], covariance[own], n_blocks)
+    assert tempering < 1.2, "seed 2"
+    assert scores[:, 0] @ scores[:, 0] * covariance[0, 0] > 1000.0
 
 
 def test_the_true_effect_reduces_the_phase_walk_and_the_fit_is_repeated_with_the_smaller_walk(
@@ -80,6 +90,17 @@ def test_given_effects_are_free_within_their_repeatability_where_residuals_are_c
     assert not prior.value.any()
     if is_free:
         np.testing.assert_allclose(prior.information[1:], tempering / REPEATABILITY**2)
+
+
+def test_a_hypothesis_holds_the_given_effects_that_its_baseline_holds():
+    arm, tilt = (
+        ModelTerm(BY_NAME[name](x=0.01), "left", is_fitted=False, repeatability=REPEATABILITY)
+        for name in ("lever_arm", "node_misalignment")
+    )
+    baseline = build_prior([arm, tilt], 6, 4.0).freeze(np.arange(6) < 3)
+    prior = adopt_prior([ModelTerm(BY_NAME["wheel_camber"](), "left"), tilt, arm], 7, baseline, [arm, tilt])
+    assert prior.is_free.tolist() == [True] * 4 + [False] * 3
+    assert prior.tempering == baseline.tempering
 
 
 def test_in_white_noise_a_wrong_value_of_a_given_effect_is_no_nuisance(evaluation):
