@@ -8,7 +8,7 @@ from hubodo.ingest.live.odometer import Odometer
 class FakeSlowOdometer(Odometer):
     """An odometer that blocks the interpreter for `busy_s` at each of its first `times` blocks."""
 
-    busy_s, times = 1.0, 3
+    busy_s, times = 1.0, 2
 
     def handle(self, block):
         if self.times > 0:

@@ -51,6 +51,8 @@ OPEN_LINK = {
     "port = wifi.UdpLink({'ssid': 'a', 'password': 'b', 'host': '10.0.0.7', 'port': 47110})",
 }
 
+TURNS = 500
+
 RUN_LOCKED = """
 box = outbox.Outbox(4, 1)
 def turn():
@@ -64,20 +66,20 @@ def locked():
     before = gc.mem_alloc()
     micropython.heap_lock()
     try:
-        for _ in range(2000):
+        for _ in range({turns}):
             turn()
     finally:
         micropython.heap_unlock()
     return gc.mem_alloc() - before
 allocated = locked()
 with open("/result", "w") as file:
-    result = {"allocated": allocated, "taken": Sink.taken, "dropped": box.dropped}
+    result = {{"allocated": allocated, "taken": Sink.taken, "dropped": box.dropped}}
     json.dump(result, file)
 """
 
 
 @pytest.mark.parametrize("kind", OPEN_LINK)
 def test_a_link_sends_every_frame_without_an_allocation(tmp_path, kind):
-    result, _ = real_micropython.run(tmp_path, FAKES, OPEN_LINK[kind], RUN_LOCKED)
+    result, _ = real_micropython.run(tmp_path, FAKES, OPEN_LINK[kind], RUN_LOCKED.format(turns=TURNS))
     assert (result["allocated"], result["dropped"]) == (0, 0)
-    assert result["taken"] >= 2000 * 200
+    assert result["taken"] >= TURNS * 200

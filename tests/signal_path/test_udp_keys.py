@@ -66,6 +66,7 @@ def test_nodes_of_one_id_are_recorded_separately_and_replayed_or_unkeyed_data_is
             board=BoardSettings(unique_id=serial, interpreter="cpython"),
             clock=Clock("paced", ticks_start_us=serial_number * 1_000_000),
             host=Host("udp"),
+            own_process=False,
         )
         for serial_number, serial in enumerate(SERIALS)
     ]

@@ -30,7 +30,10 @@ def logs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sensors")
     model = folder / "model.toml"
     model.write_text(DRIVE_MODEL + LOW_INPUT_NOISE + "[effects.accel_bias]\nx = 0.3\ny = -0.2\nz = 0.3\n")
-    for drive, options in (("poses", ("--duration", 80, "--rate", 50)), ("random", ("--duration", 24))):
+    for drive, options in (
+        ("poses", ("--duration", 80, "--rate", 50)),
+        ("random", ("--duration", 24, "--rate", 50)),
+    ):
         words = ("simulate", model, "--drive", drive, *options, "--seed", 3, "-o", folder / f"{drive}.mcap")
         assert run(*words).code == 0
     return folder

@@ -20,6 +20,7 @@ VEHICLE = (
     MODEL.partition("[imu]")[0] + "[nodes.left]" + MODEL.partition("[nodes.left]")[2].partition("[inputs]")[0]
 )
 FIXES = ("--topic", "gnss=/gps/fix")
+START_S = 8.0
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +34,12 @@ def robot(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def logs(robot) -> dict[str, Path]:
-    return {writer: write(robot[2] / writer, writer, robot[1]) for writer in WRITERS}
+    """Return the log of each writer; verbs run on the complete one, the others hold its first seconds."""
+    start = [it for it in robot[1] if it.t < START_S]
+    return {
+        writer: write(robot[2] / writer, writer, robot[1] if writer == "rosbag2" else start)
+        for writer in WRITERS
+    }
 
 
 @pytest.fixture(scope="module")
@@ -49,14 +55,17 @@ def test_the_samples_are_the_same_for_every_writer(writer, robot, logs):
     )
     read = read_log(logs[writer], input_format=form)
     assert read.t_zero_ns == T0
+    end = np.inf if writer == "rosbag2" else START_S
     for node in ("left", "right"):
-        assert np.array_equal(read.nodes[node].gyro, driven.nodes[node].gyro)
-        assert np.array_equal(read.nodes[node].accel, driven.nodes[node].accel)
-        np.testing.assert_allclose(read.nodes[node].t, driven.nodes[node].t, rtol=0, atol=1e-9)
-    assert np.array_equal(read.reference["speed"], driven.reference["speed"])
-    assert np.array_equal(read.reference["yaw_rate"], driven.reference["yaw_rate"])
-    contact = driven.reference["speed"] - 0.4 * driven.reference["yaw_rate"]
-    np.testing.assert_allclose(read.wheels["left"], contact, rtol=0, atol=1e-12)
+        table = driven.nodes[node]
+        written = table.t < end
+        assert np.array_equal(read.nodes[node].gyro, table.gyro[written])
+        assert np.array_equal(read.nodes[node].accel, table.accel[written])
+        np.testing.assert_allclose(read.nodes[node].t, table.t[written], rtol=0, atol=1e-9)
+    speed, yaw_rate = (driven.reference[name][driven.reference.t < end] for name in ("speed", "yaw_rate"))
+    assert np.array_equal(read.reference["speed"], speed)
+    assert np.array_equal(read.reference["yaw_rate"], yaw_rate)
+    np.testing.assert_allclose(read.wheels["left"], speed - 0.4 * yaw_rate, rtol=0, atol=1e-12)
     assert set(read.gnss["sigma"]) == {0.5}
     assert read.gnss["latitude_deg"] == pytest.approx(47.0, abs=0.01)
     assert [line for line in read.warnings if "not used: /camera/info" in line] == [read.warnings[-1]]

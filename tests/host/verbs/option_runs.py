@@ -291,7 +291,7 @@ def create_files(folder: Path) -> None:
     )
     np.savetxt(folder / "rated.csv", np.c_[np.degrees(gyro), accel], delimiter=",")
     for command_lines in (
-        "model.toml --duration 24 --seed 3 -o drive.mcap",
+        "model.toml --duration 24 --rate 50 --seed 3 -o drive.mcap",
         "model.toml --drive rest --duration 20 --rate 100 -o rest.mcap",
         "uncalibrated.toml --drive poses --duration 80 --rate 50 -o poses.mcap",
         "model.toml --drive turntable --duration 80 --rate 50 --latitude-deg 48 -o table.mcap",

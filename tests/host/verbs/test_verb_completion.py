@@ -48,63 +48,67 @@ print(json.dumps(offers))
 ENVIRONMENT = {**os.environ, "PYTHONPATH": f"{ROOT / 'host'}:{ROOT / 'protocol'}"}
 
 
-@pytest.fixture
-def offers(tmp_path):
-    """Return a function for the completions at the end of the lines of groups, computed in one process."""
+VERB_LINES = (
+    "hubodo ",
+    "hubodo rec",
+    "hubodo record --",
+    "hubodo record --log-format ",
+    "hubodo record --baud ",
+)
+PORT_LINES = (
+    "hubodo record ",
+    "hubodo record left=/dev/ttyA",
+    "hubodo flash /dev/ttyA",
+    "hubodo record --gnss E",
+)
+FILE_LINES = ("hubodo info ", "hubodo info rides/b", "hubodo info nowhere/", "hubodo fuse a.mcap --vehicle ")
+NODE_LINES = (
+    "hubodo allan a.mcap --node ",
+    "hubodo fuse a.mcap --nodes front,",
+    "hubodo allan csv --node ",
+    "hubodo allan rides/broken.mcap --node ",
+    "hubodo gap m.toml a.mcap --accept gyro_b",
+)
 
-    def complete(*groups):
-        command = [
-            sys.executable,
-            "-c",
-            COMPLETE_LINES,
-            json.dumps([line for lines in groups for line in lines]),
-        ]
-        done = subprocess.run(
-            command, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, check=True
-        )
-        offers_by_line = json.loads(done.stdout)
-        return [[offers_by_line[line] for line in lines] for lines in groups]
 
-    return complete
+@pytest.fixture(scope="module")
+def offers(tmp_path_factory):
+    """Return the completions at the end of each line, in a folder with logs, computed in one process."""
+    folder = tmp_path_factory.mktemp("completion")
+    table = Table({name: [0.0, 0.1] for name in ("t", "gx", "gy", "gz", "ax", "ay", "az")})
+    write_recording(Recording(nodes={"rear": table, "front": table}), folder / "a.mcap")
+    for name in ("v.toml", "notes.txt", ".hidden.mcap", "rides/b.mcap", "csv/hub.csv", "csv/truth.csv"):
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).touch()
+    (folder / "csv" / "wheels.csv.gz").touch()
+    (folder / "rides" / "broken.mcap").write_bytes(b"no log")
+    lines = json.dumps([*VERB_LINES, *PORT_LINES, *FILE_LINES, *NODE_LINES])
+    command = [sys.executable, "-c", COMPLETE_LINES, lines]
+    done = subprocess.run(command, cwd=folder, env=ENVIRONMENT, capture_output=True, text=True, check=True)
+    return json.loads(done.stdout)
 
 
-def test_verbs_options_and_ports_are_offered(offers):
-    (verbs, begun, options, formats, numbers), (ports, named, flash, gnss) = offers(
-        ("hubodo ", "hubodo rec", "hubodo record --", "hubodo record --log-format ", "hubodo record --baud "),
-        (
-            "hubodo record ",
-            "hubodo record left=/dev/ttyA",
-            "hubodo flash /dev/ttyA",
-            "hubodo record --gnss E",
-        ),
-    )
+def test_verbs_and_options_are_offered(offers):
+    verbs, begun, options, formats, numbers = (offers[line] for line in VERB_LINES)
     assert set(verbs) >= set(VERBS) and begun == ["record", "recover"]
     assert {"--vehicle", "--log-format", "--quiet"} <= set(options)
     assert formats == ["text", "json"] and numbers == []
+
+
+def test_ports_are_offered(offers):
+    ports, named, flash, gnss = (offers[line] for line in PORT_LINES)
     assert set(ports) >= {"/dev/ttyACM0", "E661", "/dev/ttyS0", "left="}
     assert (named, flash, gnss) == (["left=/dev/ttyACM0"], ["/dev/ttyACM0"], ["E661"])
 
 
-def test_files_and_the_nodes_of_the_given_log_are_offered(offers, tmp_path):
-    table = Table({name: [0.0, 0.1] for name in ("t", "gx", "gy", "gz", "ax", "ay", "az")})
-    write_recording(Recording(nodes={"rear": table, "front": table}), tmp_path / "a.mcap")
-    for name in ("v.toml", "notes.txt", ".hidden.mcap", "rides/b.mcap", "csv/hub.csv", "csv/truth.csv"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).touch()
-    (tmp_path / "csv" / "wheels.csv.gz").touch()
-    (tmp_path / "rides" / "broken.mcap").write_bytes(b"no log")
-    (logs, inside, nowhere, tables), (node, nodes, csv, broken, effects) = offers(
-        ("hubodo info ", "hubodo info rides/b", "hubodo info nowhere/", "hubodo fuse a.mcap --vehicle "),
-        (
-            "hubodo allan a.mcap --node ",
-            "hubodo fuse a.mcap --nodes front,",
-            "hubodo allan csv --node ",
-            "hubodo allan rides/broken.mcap --node ",
-            "hubodo gap m.toml a.mcap --accept gyro_b",
-        ),
-    )
+def test_files_are_offered(offers):
+    logs, inside, nowhere, tables = (offers[line] for line in FILE_LINES)
     assert (logs, inside) == (["a.mcap", "csv/", "rides/"], ["rides/b.mcap", "rides/broken.mcap"])
     assert (nowhere, tables) == ([], ["csv/", "rides/", "v.toml"])
+
+
+def test_the_nodes_of_the_given_log_are_offered(offers):
+    node, nodes, csv, broken, effects = (offers[line] for line in NODE_LINES)
     assert (node, nodes, csv) == (["front", "rear"], ["front,front", "front,rear"], ["hub"])
     assert "left" in broken
     assert set(effects) == {effect.name for effect in EFFECTS if effect.name.startswith("gyro_b")}

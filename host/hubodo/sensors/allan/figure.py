@@ -70,7 +70,8 @@ def allan_figure(
     right = upper.secondary_yaxis("right", functions=(_scale_by(unit.factor), _scale_by(1.0 / unit.factor)))
     right.set_ylabel(unit.common)
     add_legend_above(plot)
-    upper.set_title(title)
+    # With y, matplotlib need not compute all ticks to place it; a logarithmic axis has no offset to avoid.
+    upper.set_title(title, y=1.0)
     lower.axhline(0.0, color=_POINT_COLOUR, lw=0.8)
     lower.set_ylabel("residual, %")
     lower.set_xlabel("averaging time, s")
