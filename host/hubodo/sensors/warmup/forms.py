@@ -23,7 +23,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import LinAlgError, cho_solve
+from scipy.linalg.lapack import dpotrf, dpotrs
 from scipy.optimize import minimize
 
 from hubodo.arrays import Array
@@ -128,12 +129,21 @@ class FittedForm:
 
     def columns(self, t: Array, temperature: Array | None) -> Array:
         """Return the (M, P) design matrix at ages t (M,) s and temperatures (M,) °C."""
-        columns = [np.ones_like(t), *(warmup_fraction(t, constant) for constant in self.time_constants)]
-        for c1, constant in zip(self.exponential_sizes, self.time_constants, strict=False):
-            columns.append(-c1 * t / constant * np.exp(-t / constant))
-        if temperature is not None:
-            columns.append(temperature - REFERENCE_CELSIUS)
-        return np.column_stack(columns)
+        return _design_matrix(self.time_constants, self.exponential_sizes, t, temperature)
+
+
+def _design_matrix(
+    time_constants: tuple[float, ...],
+    exponential_sizes: tuple[float, ...],
+    t: Array,
+    temperature: Array | None,
+) -> Array:
+    columns = [np.ones_like(t), *(warmup_fraction(t, constant) for constant in time_constants)]
+    for c1, constant in zip(exponential_sizes, time_constants, strict=False):
+        columns.append(-c1 * t / constant * np.exp(-t / constant))
+    if temperature is not None:
+        columns.append(temperature - REFERENCE_CELSIUS)
+    return np.column_stack(columns)
 
 
 @dataclass(frozen=True)
@@ -183,9 +193,13 @@ def fit_form(
     # The factorisation dominates the run time and does not depend on the time constants.
     factor = lru_cache(maxsize=4)(record.factor)
 
+    @lru_cache(maxsize=4)
+    def columns(time_constants: tuple[float, ...]) -> Array:
+        return _design_matrix(time_constants, (), t, temperature)
+
     def likelihood(p: Array) -> float:
-        form, spread = _prior_form(name, record, p)
-        log_likelihood = _marginalise(form.columns(t, temperature), spread, factor(*p[:3]), record.y)[2]
+        time_constants, spread = _prior(name, record, p)
+        log_likelihood = _marginalise(columns(time_constants), spread, factor(*p[:3]), record.y)[2]
         return (
             log_likelihood - _negative_log_prior(p[3:], record.span) if exponential_count else log_likelihood
         )
@@ -245,8 +259,8 @@ def _scale_record(t: Array, values: Array, temperature: Array | None) -> _Scaled
     return _ScaledRecord(t, (values - centre) / scale, temperature, scale, centre, flicker, walk)
 
 
-def _prior_form(name: str, record: _ScaledRecord, p: Array) -> tuple[FittedForm, Array]:
-    """Return the form before the fit, and the prior sigmas of its coefficients.
+def _prior(name: str, record: _ScaledRecord, p: Array) -> tuple[tuple[float, ...], Array]:
+    """Return the time constants of a form, and the prior sigmas of its coefficients.
 
     p: logarithms of white, flicker and walk, then of the time constants or of s.
     """
@@ -258,8 +272,7 @@ def _prior_form(name: str, record: _ScaledRecord, p: Array) -> tuple[FittedForm,
         constants = tuple(map(float, first * _TIME_CONSTANT_RATIO ** np.arange(count)))
         sizes = [math.exp(p[3])] * count
     spread = [_OFFSET_PRIOR_SIGMA, *sizes] + ([] if record.temperature is None else [_OFFSET_PRIOR_SIGMA])
-    noise, nothing = record.noise(np.exp(p[:3])), np.empty(0)
-    return FittedForm(name, constants, (), nothing, nothing, noise, 0.0), np.array(spread)
+    return constants, np.array(spread)
 
 
 def _posterior_form(
@@ -269,7 +282,9 @@ def _posterior_form(
 
     factor: Cholesky factor of the covariance of the means under p. evidence: their log marginal likelihood.
     """
-    form, spread = _prior_form(name, record, p)
+    time_constants, spread = _prior(name, record, p)
+    noise, nothing = record.noise(np.exp(p[:3])), np.empty(0)
+    form = FittedForm(name, time_constants, (), nothing, nothing, noise, 0.0)
     exponential_count = _EXPONENTIAL_COUNT[name]
     log_constant_rows = slice(1 + exponential_count, 1 + 2 * exponential_count)
     if exponential_count:
@@ -296,9 +311,12 @@ def _posterior_form(
 
 def factorise(covariance: Array) -> CholeskyFactor:
     """Return the Cholesky factor of a covariance, which is overwritten."""
-    # The transpose of the symmetric matrix has LAPACK's memory order, so nothing is copied.
-    factor: CholeskyFactor = cho_factor(covariance.T, lower=True, overwrite_a=True, check_finite=False)
-    return factor
+    # The transpose of the symmetric matrix has LAPACK's memory order, so nothing is copied. LAPACK is called
+    # directly, because the checks of `cho_factor` take longer than a small matrix.
+    factor, info = dpotrf(covariance.T, lower=True, overwrite_a=True, clean=False)
+    if info:
+        raise LinAlgError(f"the covariance is not positive definite: minor {info}")
+    return factor, True
 
 
 def _posterior(columns: Array, spread: Array, factor: CholeskyFactor, y: Array) -> tuple[Array, Array, float]:
@@ -314,12 +332,12 @@ def _marginalise(
     columns: Array, spread: Array, factor: CholeskyFactor, y: Array
 ) -> tuple[Array, CholeskyFactor, float]:
     """Return posterior mean, Cholesky factor of the posterior precision, and log marginal likelihood of y."""
-    solution = cho_solve(factor, np.column_stack([columns, y]), check_finite=False)
+    solution, _ = dpotrs(factor[0], np.column_stack([columns, y]), lower=True)
     precision = columns.T @ solution[:, :-1]
     precision.flat[:: len(spread) + 1] += spread**-2
     information_vector = columns.T @ solution[:, -1]
-    precision_factor: CholeskyFactor = cho_factor(precision, lower=True)
-    mean: Array = cho_solve(precision_factor, information_vector, check_finite=False)
+    precision_factor = factorise(precision.T)
+    mean: Array = dpotrs(precision_factor[0], information_vector, lower=True)[0]
     log_det = 2.0 * float(np.log(factor[0].diagonal()).sum() + np.log(precision_factor[0].diagonal()).sum())
     log_det += 2.0 * float(np.log(spread).sum())
     chi2 = float(y @ solution[:, -1] - information_vector @ mean)
