@@ -213,17 +213,17 @@ def pair_errors(seeds: Sequence[int], tape_sigma: float) -> dict[str, np.ndarray
     return {name: np.array(result) for name, result in errors.items()}
 
 
-def count_real_alarms() -> dict[str, int]:
+def count_real_alarms(node_sets: Sequence[tuple[str, ...]] = car.SETS) -> dict[str, int]:
     """Return the number of slips detected on each real drive; none of the drives has one."""
     runs: dict[str, WheelRun] = {}
     for name, log in car.drives().items():
-        for names in car.SETS:
+        for names in node_sets:
             if set(names) <= set(log.nodes):
                 runs[f"car {name}, {' and '.join(names)}"] = run_wheel_filter(
                     wheel_config(car.CAR, list(names)), log.nodes
                 )
     chair = read_folder(wanted.recording("wheelchair"))
-    for names in (("left",), ("right",), BOTH):
+    for names in node_sets:
         nodes = {name: WheelNode(name, "left") for name in names}  # type: ignore[arg-type]
         runs[f"wheelchair, {' and '.join(names)}"] = run_wheel_filter(
             WheelConfig(0.31, 0.92, nodes), chair.nodes

@@ -27,6 +27,7 @@ from hubodo.fuse.graph.factors.position import PositionFactors
 from hubodo.fuse.graph.odometry_steps import StepNoise
 from hubodo.fuse.graph.solver import solve_graph
 from hubodo.fuse.track import Track
+from repetitions import first_and_more
 
 
 def add_noise(path, rng, along, sideways, heading):
@@ -278,9 +279,10 @@ def test_the_gradient_of_the_posterior_is_its_numerical_derivative(monkeypatch):
     )
 
 
-def test_heading_drift_is_covered_by_sigma_with_fixes_of_five_metres():
+@pytest.mark.parametrize("seeds", first_and_more(range(2), range(4)), ids=str)
+def test_heading_drift_is_covered_by_sigma_with_fixes_of_five_metres(seeds):
     inflated, not_inflated = [], []
-    for seed in range(4):
+    for seed in seeds:
         drive = simulate_drive(seed)
         path = add_noise(odometry_path(drive), np.random.default_rng([seed, 72]), 0.0, 0.0, 0.02)
         for rows, config in ((inflated, GraphConfig()), (not_inflated, GraphConfig(inflate_sigmas=False))):
@@ -293,10 +295,11 @@ def test_heading_drift_is_covered_by_sigma_with_fixes_of_five_metres():
     assert np.mean(inflated, axis=0)[0] < np.mean(not_inflated, axis=0)[0]
 
 
-def test_on_a_real_car_errors_agree_with_sigma_for_fixes_of_five_metres():
+@pytest.mark.parametrize("seeds", first_and_more(range(1), range(3)), ids=str)
+def test_on_a_real_car_errors_agree_with_sigma_for_fixes_of_five_metres(seeds):
     wanted.recording("car")
     for path, constants, truth in car_gnss.paths([("right",)]).values():
-        rows = [car_gnss.fuse_drive(path, constants, truth, seed, 0.0) for seed in range(3)]
+        rows = [car_gnss.fuse_drive(path, constants, truth, seed, 0.0) for seed in seeds]
         error, nees, fixes = np.mean(rows, axis=0)
         assert error < 0.7 < 0.1 * fixes
         assert nees < 4.0

@@ -77,7 +77,7 @@ def test_speed_inflation_is_spread_evenly_over_its_windows_and_adds_up() -> None
 
 @pytest.fixture(
     scope="module",
-    params=first_and_more([(0, 110), (1, 510)], [(0, 306), (0, 110), (1, 510)]),
+    params=first_and_more([(0, 110)], [(0, 306), (0, 110), (1, 510)]),
     ids=lambda drives: f"{len(drives)} drives",
 )
 def late_slips(request: pytest.FixtureRequest) -> list[tuple[Any, float, dict[float, Any]]]:
@@ -121,12 +121,13 @@ def test_smoothing_reconstructs_the_path_during_a_late_slip(
     assert largest_forward_nees > 500.0, "the forward filter must not know of the slip at that time"
 
 
-def test_with_fixes_a_late_slip_costs_no_more_than_the_error_of_the_fixes() -> None:
+@pytest.mark.parametrize("seed", first_and_more(110, 300))
+def test_with_fixes_a_late_slip_costs_no_more_than_the_error_of_the_fixes(seed: int) -> None:
     """Fixes of 1 m at 2 Hz. Without inflated odometry covariance the graph had errors of 6 to 21 m."""
     case = CASES["one wheel, lifted 6 s, runs out in 3 s"]
-    outcomes = [fuse_with_fixes(case, seed) for seed in (110, 300)]
-    print(outcomes)
-    assert all(error < 2.0 and 0.1 < nees < 4.0 for error, nees in outcomes)
+    error, nees = fuse_with_fixes(case, seed)
+    print(error, nees)
+    assert error < 2.0 and 0.1 < nees < 4.0
 
 
 def test_odometry_inflation_covers_rollbacks_and_propagated_steps() -> None:

@@ -106,17 +106,18 @@ def test_known_terms_come_back_within_their_sigmas_and_the_stated_percent(seed):
     assert report.fit.terms["R"].value is None
 
 
-def test_the_fit_has_a_degree_of_freedom_for_each_point_that_no_term_takes():
+@pytest.mark.parametrize("seeds", first_and_more(range(3), range(3, 8)), ids=str)
+def test_the_fit_has_a_degree_of_freedom_for_each_point_that_no_term_takes(seeds):
     """Sixteen octaves of white noise leave twelve degrees of freedom beside N, B, K and the band."""
     samples, chi2 = 1 << 18, []
-    for seed in range(5):
+    for seed in seeds:
         fit = characterise_noise(
             np.arange(samples) * DT, gyro_noise(samples, DT, np.random.default_rng(seed), n=1e-3), "gz"
         ).fit
         assert fit.dof == len(fit.factors) - 4 - (fit.terms["R"].value is not None), seed
         chi2.append(fit.chi2 / fit.dof)
-    print("chi-square over its degrees, seeds 0..4:", np.round(chi2, 2))
-    # Five times twelve degrees of freedom: the mean is 1 ± 18 %, slightly less as a bad start is left out.
+    print(f"chi-square over its degrees, {seeds}:", np.round(chi2, 2))
+    # Of three times twelve degrees of freedom the mean is 1 ± 24 %, slightly less as a bad start is left out.
     one_sigma = np.sqrt(2.0 / (12 * len(chi2)))
     assert 1.0 - 3.0 * one_sigma < np.mean(chi2) < 1.0 + 3.0 * one_sigma
 
@@ -145,52 +146,54 @@ def test_points_that_a_late_start_leaves_out_are_no_degrees_of_freedom():
 
 
 @pytest.mark.parametrize(
-    ("electronics", "text_part"),
+    ("electronics", "text_part", "records"),
     [
-        (lambda x: one_pole(x, DT, 5.0), 0.018),
-        pytest.param(lambda x: bartlett(x, 8), 0.013, marks=pytest.mark.repeat),
+        (lambda x: one_pole(x, DT, 5.0), 0.018, 3),
+        pytest.param(lambda x: one_pole(x, DT, 5.0), 0.018, 6, marks=pytest.mark.repeat),
+        pytest.param(lambda x: bartlett(x, 8), 0.013, 6, marks=pytest.mark.repeat),
     ],
-    ids=["one pole at 5 Hz", "sixteen taps"],
+    ids=["one pole at 5 Hz", "one pole at 5 Hz, six records", "sixteen taps"],
 )
-def test_white_noise_before_a_low_pass_is_estimated_within_sigma(electronics, text_part):
-    """At most two of six records are beyond two sigma; three would occur once in 500.
+def test_white_noise_before_a_low_pass_is_estimated_within_sigma(electronics, text_part, records):
+    """At most one of three records, or two of six, are beyond two sigma; more would occur once in 150 or 500.
 
     `make accuracy` has more records of more electronics.
     """
     samples, beyond = 1 << 18, []
-    for seed in range(6):
+    for seed in range(records):
         noise = electronics(gyro_noise(samples, DT, np.random.default_rng([seed, 18]), n=1e-3))
         fit = characterise_noise(np.arange(samples) * DT, noise, "gz").fit
         term = fit.terms["N"]
         beyond.append(abs(term.value / 1e-3 - 1.0) > 2.0 * term.sigma / term.value)
         assert term.sigma / term.value < 2.5 * text_part, seed
         assert all(fit.terms[name].value is None for name in "QR"), seed
-    assert sum(beyond) < 3, beyond
+    assert sum(beyond) <= records // 3, beyond
 
 
-def test_a_walk_that_is_not_claimed_is_below_its_limit():
+@pytest.mark.parametrize(("records", "failures"), first_and_more((6, 1), (12, 2)))
+def test_a_walk_that_is_not_claimed_is_below_its_limit(records, failures):
     """Near the detection limit, an upper limit must hold in the records that do not claim the term."""
     samples, truth, hidden, held = 1 << 15, {"n": 1e-3, "k": 4.5e-5}, 0, 0
-    for seed in range(12):
+    for seed in range(records):
         noise = gyro_noise(samples, DT, np.random.default_rng([seed, 19]), **truth)
         term = characterise_noise(np.arange(samples) * DT, noise, "gz").fit.terms["K"]
         hidden += term.value is None
         held += term.value is None and term.limit > truth["k"]
-    print(f"seeds 0..11: {hidden} not claimed, {held} of them below the limit")
-    # Each limit fails once in twenty; three or more failures among twelve occur in 2 % of cases.
-    assert hidden >= 5
-    assert hidden - held < 3
+    print(f"seeds 0..{records - 1}: {hidden} not claimed, {held} of them below the limit")
+    # Each limit fails once in twenty: more failures among six or twelve occur in 3 or 2 % of cases.
+    assert hidden >= 5 * records // 12
+    assert hidden - held <= failures
 
 
-def test_a_ramp_is_recovered_and_not_reported_if_absent():
+@pytest.mark.parametrize("seed", first_and_more(0, 1, 2))
+def test_a_ramp_is_recovered_and_not_reported_if_absent(seed):
     samples, ramp = 1 << 17, 2e-6
-    for seed in range(3):
-        noise = gyro_noise(samples, DT, np.random.default_rng(seed), n=1e-3)
-        t = np.arange(samples) * DT
-        assert characterise_noise(t, noise, "gz").fit.terms["R"].value is None, seed
-        term = characterise_noise(t, noise + ramp * t, "gz").fit.terms["R"]
-        assert term.value == pytest.approx(ramp, rel=0.2), seed
-        assert abs(term.value - ramp) < 4 * term.sigma, seed
+    noise = gyro_noise(samples, DT, np.random.default_rng(seed), n=1e-3)
+    t = np.arange(samples) * DT
+    assert characterise_noise(t, noise, "gz").fit.terms["R"].value is None
+    term = characterise_noise(t, noise + ramp * t, "gz").fit.terms["R"]
+    assert term.value == pytest.approx(ramp, rel=0.2)
+    assert abs(term.value - ramp) < 4 * term.sigma
 
 
 def test_hidden_terms_are_null_with_reason_limit_and_sufficient_record_length():
@@ -252,10 +255,11 @@ def test_quantisation_as_strong_as_white_noise_is_distinguished_from_it(seed):
     assert (fit.factors[0], fit.band) == (1, 0.0)
 
 
-def test_white_noise_alone_gives_no_other_term_in_most_records():
+@pytest.mark.parametrize("seeds", first_and_more(range(4), range(4, 12)), ids=str)
+def test_white_noise_alone_gives_no_other_term_in_most_records(seeds):
     """One false alarm in a thousand per term: two of eight records have one once in 2000 runs."""
     wrong = 0
-    for seed in range(8):
+    for seed in seeds:
         samples = 1 << 15
         report = characterise_noise(
             np.arange(samples) * DT, gyro_noise(samples, DT, np.random.default_rng(seed), n=1e-3), "gz"
@@ -265,15 +269,16 @@ def test_white_noise_alone_gives_no_other_term_in_most_records():
     assert wrong < 2
 
 
-def test_intervals_of_95_percent_cover_the_truth_95_times_in_a_hundred():
-    inside, total, records = 0, 0, 16
+@pytest.mark.parametrize("records", first_and_more(8, 16))
+def test_intervals_of_95_percent_cover_the_truth_95_times_in_a_hundred(records):
+    inside, total = 0, 0
     for seed in range(records):
         noise = gyro_noise(4096, DT, np.random.default_rng(seed), n=1e-3)
         report = characterise_noise(np.arange(4096) * DT, noise, "gz")
         true = 1e-3 / np.sqrt(report.points.tau)
         inside += int(np.count_nonzero((report.low < true) & (true < report.high)))
         total += len(true)
-    # About four independent points each: 1 sigma is 2.2 %.
+    # About four independent points each: 1 sigma is 4 % or 3 %.
     one_sigma = np.sqrt(0.05 * 0.95 / (4 * records))
     assert -2.3 < (inside / total - 0.95) / one_sigma < 2.0
 

@@ -230,7 +230,7 @@ def test_a_stationary_real_gyro_treated_as_moving_drifts_within_sigma():
                 part = slice(first, first + 100 * seconds)
                 one = VerticalAxis(t[part], values[part], values[part])
                 for noise, built in ((BiasNoise(n, b, k), off), (BiasNoise(n), white)):
-                    track = estimate_heading(one, ((0, 6000),), WarmupModel(0.0), noise, step=10.0)
+                    track = estimate_heading(one, ((0, 6000),), WarmupModel(0.0), noise, step=30.0)
                     built.append(float(track.heading[-1] / track.sigma[-1]))
     size, alone = (float(np.sqrt(np.mean(np.square(built)))) for built in (off, white))
     print(f"{len(off)} stretches: error over sigma {size:.2f} rms; with white noise alone {alone:.2f}")

@@ -138,23 +138,22 @@ def test_a_second_exponential_is_recommended_if_present():
         assert result["time_constant_second"] == pytest.approx(start.T, rel=0.25), seed
 
 
-def test_a_temperature_model_is_recommended_if_it_drives_the_bias():
-    for seed in range(2):
-        t, output = night(seed)
-        temperature = 25 + 5 * np.sin(t / 3000) + 3 * (1 - np.exp(-t / 700))
-        driven = output + 0.01 * DEG * (temperature - 25)
-        report = characterise_warmup(t, driven, "gz", temperature=temperature)
-        assert not report.exponential.ljung_box.is_white, seed
-        result = report.next_model.fit
-        assert result.kind == "exponential and temperature", seed
-        assert (
-            abs(result.values["temperature_coefficient"] - 0.01 * DEG)
-            < 4.5 * result.sigma["temperature_coefficient"]
-        )
-        assert (
-            report.calibrated_effects()["gyro_temperature"].value("z")
-            == result.values["temperature_coefficient"]
-        )
+@pytest.mark.parametrize("seed", first_and_more(0, 1))
+def test_a_temperature_model_is_recommended_if_it_drives_the_bias(seed):
+    t, output = night(seed)
+    temperature = 25 + 5 * np.sin(t / 3000) + 3 * (1 - np.exp(-t / 700))
+    driven = output + 0.01 * DEG * (temperature - 25)
+    report = characterise_warmup(t, driven, "gz", temperature=temperature)
+    assert not report.exponential.ljung_box.is_white
+    result = report.next_model.fit
+    assert result.kind == "exponential and temperature"
+    assert (
+        abs(result.values["temperature_coefficient"] - 0.01 * DEG)
+        < 4.5 * result.sigma["temperature_coefficient"]
+    )
+    assert (
+        report.calibrated_effects()["gyro_temperature"].value("z") == result.values["temperature_coefficient"]
+    )
 
 
 def test_the_correct_model_has_white_residuals_and_no_recommendation():
