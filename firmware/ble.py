@@ -120,7 +120,7 @@ class BleLink(PacketLink):
             self._ble.gap_advertise(_ADVERTISING_US, adv_data=self._advertised, resp_data=self._response)
             self._advertising = True
         except OSError:
-            # Repeated in a second.
+            # The next attempt follows in a second.
             pass
 
     def _in_flight(self):

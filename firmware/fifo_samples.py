@@ -138,7 +138,7 @@ class FifoSamples:
             self._empty(now, BATCH_FLAG_GAP_BEFORE)
             return False
         if ticks_diff(ticks_us(), start_us) > (chip.FIFO_SAMPLES - 1 - level) * clock.period_us:
-            # It has overflowed since the poll: the burst may begin within a sample.
+            # The FIFO has overflowed since the poll: the burst may begin within a sample.
             sampler.overruns += 1
             self._empty(now, BATCH_FLAG_FIFO_OVERRUN | BATCH_FLAG_GAP_BEFORE)
             return False

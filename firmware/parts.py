@@ -133,7 +133,7 @@ class Parts:
                     self._search()
                 else:
                     if not always:
-                        # A setting was lost.
+                        # A chip that lost a setting counts as a bus error.
                         self.i2c_errors += 1
                     chip.configure()
                     self.start(True)

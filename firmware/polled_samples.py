@@ -44,7 +44,7 @@ class PolledSamples:
         ready = chip.ready()
         poll.record(now, start_us, ticks_us())
         if self._starting and ready:
-            # It was taken during the configuration, at an unknown time.
+            # The first sample was taken during the configuration, at an unknown time.
             chip.read_into(sampler.slot.values, FIRST_ROW)
             return
         if not ready:

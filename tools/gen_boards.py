@@ -36,10 +36,10 @@ def boards_table() -> str:
     return "\n".join(lines)
 
 
-def outputs() -> dict[Path, str]:
+def generate_files() -> dict[Path, str]:
     """Return the README with its table."""
     return {README: fill(README.read_text(encoding="utf-8"), {"boards": boards_table()})}
 
 
 if __name__ == "__main__":
-    sys.exit(write_or_check(outputs, ROOT, "tools/gen_boards.py", __doc__, None))
+    sys.exit(write_or_check(generate_files, ROOT, "tools/gen_boards.py", __doc__, None))

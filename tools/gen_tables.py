@@ -90,10 +90,10 @@ def _look_alikes(kinds: tuple[type[Effect], ...]) -> Iterator[tuple[str, ...]]:
             yield f"`{kind.name}`", f"`{other}`", manoeuvre
 
 
-def outputs() -> dict[Path, str]:
+def generate_files() -> dict[Path, str]:
     """Return the README with its generated text."""
     return {README: fill(README.read_text(encoding="utf-8"), readme_blocks())}
 
 
 if __name__ == "__main__":
-    sys.exit(write_or_check(outputs, ROOT, "tools/gen_tables.py", __doc__, None))
+    sys.exit(write_or_check(generate_files, ROOT, "tools/gen_tables.py", __doc__, None))

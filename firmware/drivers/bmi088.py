@@ -184,7 +184,7 @@ class BMI088(Chip):
         raw = self._sample
         self.i2c.readfrom_mem_into(self.address, _GYRO_FIFO_DATA if level == 1 else _RATE_X_LSB, raw)
         if level > 1:
-            # Those before the newest are overdue.
+            # Samples before the newest one are overdue.
             self.write(_GYRO_FIFO_CONFIG_1, _STREAM)
         for i in range(3):
             words[at + i] = _signed(raw[2 * i] | raw[2 * i + 1] << 8)

@@ -3,7 +3,7 @@
 from framing import START
 from micropython import const
 
-from radio.espnow_link import ANSWER, HEAD, MAX_PACKET, NODE, NUMBER, TO_ALL, is_ours, open_radio
+from radio.espnow_link import ANSWER, BROADCAST_FLAG, HEAD, MAX_PACKET, NODE, NUMBER, is_ours, open_radio
 from radio.reception import Reception
 
 TYPE_CHECKING = False
@@ -46,10 +46,10 @@ class EspNowAir:
         sender, raw, rssi, _ = self._came
         if node.address != sender:
             self._register(node, sender)
-        if raw[NUMBER] & TO_ALL:
+        if raw[NUMBER] & BROADCAST_FLAG:
             self._send(sender, ANSWER)
         node.strong += rssi > _STRONG_DBM
-        node.add(raw[NUMBER] & ~TO_ALL, raw, HEAD, size - HEAD, ms)
+        node.add(raw[NUMBER] & ~BROADCAST_FLAG, raw, HEAD, size - HEAD, ms)
 
     def _register(self, node, sender):
         """Register another board as that node."""

@@ -25,7 +25,7 @@ HEAD = const(6)
 NODE = const(4)
 NUMBER = ANSWER = const(5)
 """Offset of the number in a node's packet, and of the bytes in a receiver's."""
-TO_ALL = const(0x80)
+BROADCAST_FLAG = const(0x80)
 """Flag in the number of a packet: it was broadcast."""
 BROADCAST = b"\xff" * 6
 _REQUEST_BYTES = const(526)
@@ -103,7 +103,7 @@ class EspNowLink(Link):
             outbox.advance(1)
         to_all = self._to is BROADCAST
         out, raw = self._out, slot.raw
-        out[NUMBER] = self._number | (TO_ALL if to_all else 0)
+        out[NUMBER] = self._number | (BROADCAST_FLAG if to_all else 0)
         for i in range(size):
             out[HEAD + i] = raw[START + i]
         try:

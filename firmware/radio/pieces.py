@@ -81,7 +81,7 @@ class Pieces:
         elif -ahead >= _REORDER_FRAMES or self._done >> -ahead & 1:
             return -1
         else:
-            # It had been counted as lost.
+            # A packet that arrives late was counted as lost.
             self.lost -= 1
         k = 0 if numbers[0] < 0 else 1
         if numbers[k] >= 0:

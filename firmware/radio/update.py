@@ -285,5 +285,5 @@ def _create_folder(path):
     try:
         os.mkdir(path)
     except OSError:
-        # It exists.
+        # The folder exists already.
         pass

@@ -21,7 +21,7 @@ from hubodo.flash.manifest import MANIFEST, Manifest, is_complete, read_manifest
 from hubodo.flash.prompt import NEXT_CHUNK, BoardDisconnected, FlashError, RawPrompt
 from hubodo.flash.slots import (
     MAIN,
-    NEW,
+    NEW_SUFFIX,
     SLOTS,
     active_slot,
     main_for_slot,
@@ -208,7 +208,9 @@ class FlashBoard:
             if damaged:
                 raise FlashError(f"{self.port}: {', '.join(damaged)} differ from what was sent; flash again")
         if flash_plan.swap or flash_plan.obsolete:
-            self.run(SWAP.format(swap=flash_plan.swap, new=NEW, forget=flash_plan.obsolete, folders=folders))
+            self.run(
+                SWAP.format(swap=flash_plan.swap, new=NEW_SUFFIX, forget=flash_plan.obsolete, folders=folders)
+            )
         return sorted(_name(path, flash_plan.slot) for path in flash_plan.send)
 
     def _copy(self, files: dict[str, bytes], progress: Callable[[str], None]) -> None:
@@ -231,7 +233,7 @@ class FlashBoard:
         manifest = read_manifest(text)
         if manifest is None or not is_complete(manifest, slot, self.list_hashes(manifest.files)[0]):
             raise FlashError(f"{self.port}: no complete older firmware to roll back to; flash the board")
-        self.run(ROLL_BACK.format(new=NEW, now=slots_line(running), then=slots_line(slot)))
+        self.run(ROLL_BACK.format(new=NEW_SUFFIX, now=slots_line(running), then=slots_line(slot)))
         return manifest
 
     def reset(self) -> None:
@@ -295,4 +297,4 @@ def _folders(names: Iterable[str]) -> list[str]:
 
 def _name(path: str, slot: str | None) -> str:
     """Return the name in the image of a file copied to a path."""
-    return path.removeprefix(f"{slot}/").removeprefix("/").removesuffix(NEW)
+    return path.removeprefix(f"{slot}/").removeprefix("/").removesuffix(NEW_SUFFIX)

@@ -16,7 +16,7 @@ from hubodo.flash.image import ImageError
 
 SLOTS = ("/fw_a", "/fw_b")
 MAIN, CONFIG = "main.py", "config.json"
-NEW = ".new"
+NEW_SUFFIX = ".new"
 """Suffix of a file at the root that is about to replace another."""
 
 _SOURCE_SLOTS_LINE = 'SLOTS = ("",)'
@@ -93,7 +93,7 @@ def plan_flash(
     """
     firmware = {name: hashes[name] for name in image if name not in (MAIN, CONFIG)}
     swap = [CONFIG] if CONFIG in image and held.get("/" + CONFIG) != hashes[CONFIG] else []
-    send, expect = {f"/{name}{NEW}": image[name] for name in swap}, {}
+    send, expect = {f"/{name}{NEW_SUFFIX}": image[name] for name in swap}, {}
     slot, remove, copy = None, [], []
     if (
         running is None
@@ -113,10 +113,10 @@ def plan_flash(
                 copy.append((available[digest], path))
             else:
                 send[path] = image[name]
-        send[f"/{MAIN}{NEW}"] = main_for_slot(image[MAIN], slot)
-        expect = required | {f"/{MAIN}{NEW}": hashes[slot]}
+        send[f"/{MAIN}{NEW_SUFFIX}"] = main_for_slot(image[MAIN], slot)
+        expect = required | {f"/{MAIN}{NEW_SUFFIX}": hashes[slot]}
         swap.append(MAIN)
-    expect |= {f"/{CONFIG}{NEW}": hashes[CONFIG]} if CONFIG in swap else {}
+    expect |= {f"/{CONFIG}{NEW_SUFFIX}": hashes[CONFIG]} if CONFIG in swap else {}
     at_root = {f"/{name.removesuffix('.mpy').removesuffix('.py')}" for name in firmware}
     forget = [path for path in held if re.sub(r"\.m?py$", "", path) in at_root]
     return FlashPlan(slot, tuple(remove), tuple(copy), send, tuple(swap), expect, tuple(forget))

@@ -34,7 +34,7 @@ class MountingSpeed:
 
     @property
     def description(self) -> str:
-        """One line for people."""
+        """Description in one line, for warnings."""
         parts = [f"{speed:.0f} m/s at {100 * arm:.0f} cm" for arm, speed in self.gravity.items()]
         return (
             f"{self.node}: the gyro about the axle clips from {self.gyro:.1f} m/s on; beyond it gravity "

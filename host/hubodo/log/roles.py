@@ -194,7 +194,7 @@ class _RoleAssigner:
         return role != "wheels" or all(_joints_on_side(candidate.joints, side) for side in ("left", "right"))
 
     def _wheel_joints(self, topic: str, stated: tuple[str, ...]) -> tuple[str, str] | None:
-        """Return the joints of the left and right wheel, or None (noted)."""
+        """Return the joints of the left and right wheel, or None after noting why."""
         joints = self.candidates[topic].joints
         if len(stated) == 2 and set(stated) <= set(joints):
             return stated[0], stated[1]

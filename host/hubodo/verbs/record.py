@@ -22,7 +22,7 @@ from hubodo.version import __version__
 from hubowire import FINGERPRINT
 
 if TYPE_CHECKING:
-    from hubodo.ingest.live.status import RecordResult
+    from hubodo.ingest.live.record_result import RecordResult
 
 EXAMPLE = "hubodo record left=/dev/ttyACM0 right=/dev/ttyACM1 --vehicle wheelchair.toml -o ride.mcap"
 

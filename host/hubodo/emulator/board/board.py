@@ -146,8 +146,6 @@ class VirtualBoard:
         self._schedule.plug_at = FOREVER
         self.streams.plug()
 
-    # ---- service ----
-
     def serve(self, control: int = -1, on_control: Callable[[], None] = lambda: None) -> None:
         """Switch the board on and run it; call `on_control` whenever the descriptor `control` has input.
 
@@ -237,7 +235,7 @@ class VirtualBoard:
 
         A loop without calls cannot be interrupted in this build of MicroPython.
         """
-        if self.processor.running and self.streams.is_interrupt_ignored():
+        if self.processor.is_running and self.streams.is_interrupt_ignored():
             self.counts["broken_loops"] += 1
             self.processor.kill()
             self.streams.interrupt_pending = False

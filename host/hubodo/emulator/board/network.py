@@ -94,7 +94,7 @@ class WlanStation:
     def connect(self, t: float) -> int:
         """Start to join; return 0 or CONNECT_REFUSED."""
         self._update(t)
-        if self._state == "off" or (self.port == "esp32" and self._joining):
+        if self._state == "off" or (self.port == "esp32" and self._is_joining):
             return CONNECT_REFUSED
         self._retries = 0
         self._start_joining(t)
@@ -120,8 +120,8 @@ class WlanStation:
         return self._state == "up"
 
     @property
-    def _joining(self) -> bool:
-        """True during a join."""
+    def _is_joining(self) -> bool:
+        """True while a connection is being established."""
         return self._join_end > 0.0
 
     def _start_joining(self, t: float) -> None:

@@ -111,7 +111,7 @@ class Processor:
         }
 
     @property
-    def running(self) -> bool:
+    def is_running(self) -> bool:
         """True if an interpreter is running."""
         return self._interpreter is not None
 

@@ -99,8 +99,6 @@ class BoardStreams:
         """Return the handlers of the calls served here."""
         return {Op.WRITE: self._write, Op.READ: self._read, Op.COUNT: self._count, Op.UART_INIT: self._uart}
 
-    # ---- the link ----
-
     def unplug(self) -> bool:
         """Unplug the cable; return False if there is none."""
         if not isinstance(self.link, PtyLink):
@@ -223,8 +221,6 @@ class BoardStreams:
             return 0.0
         return self.link.next_script_time * NS_PER_S
 
-    # ---- ctrl-C ----
-
     def set_interrupt_char(self, interrupt_char: int) -> None:
         """Set the byte that interrupts the interpreter; -1 for none."""
         previous, received = self._interrupt_char, self._ports[0].received
@@ -269,8 +265,6 @@ class BoardStreams:
         if self.link.is_plugged:
             flags |= FLAG_PLUGGED
         return flags
-
-    # ---- calls ----
 
     def _port(self, number: int) -> ByteStream:
         """Return the stream of a port."""

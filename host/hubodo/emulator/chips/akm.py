@@ -33,7 +33,7 @@ class InnerMagnetometer(Magnetometer):
     RESET: int
     RATES_HZ: dict[int, float]
     """Rate by the value of MODE; other values are no continuous mode."""
-    FROM_NODE: tuple[tuple[int, int, int], ...]
+    NODE_TO_CHIP: tuple[tuple[int, int, int], ...]
     """Rotation from node axes to those of this chip."""
     SENSITIVITY = (128, 128, 128)
     """Factory adjustment of each axis: a step is the nominal one times (128 + this) / 256."""
@@ -75,7 +75,7 @@ class InnerMagnetometer(Magnetometer):
         rate_hz = self.RATES_HZ.get(self.values[self.MODE])
         if rate_hz is None:
             return
-        rotation = np.array(self.FROM_NODE, dtype=float).T
+        rotation = np.array(self.NODE_TO_CHIP, dtype=float).T
         lsb = LSB_TESLA * (128 + np.array(self.SENSITIVITY, dtype=float)) / 256
         self.clock.start(
             t,
@@ -116,7 +116,7 @@ class Ak09916(InnerMagnetometer):
     IDENTITY = (0x01, 0x09)
     STATUS, LAST, MODE, RESET = 0x10, 0x18, 0x31, 0x32
     RATES_HZ = {0x02: 10.0, 0x04: 20.0, 0x06: 50.0, 0x08: 100.0}
-    FROM_NODE = ((1, 0, 0), (0, -1, 0), (0, 0, -1))
+    NODE_TO_CHIP = ((1, 0, 0), (0, -1, 0), (0, 0, -1))
     REGISTERS = {
         0x00: Register("WIA1", 0x48),
         0x01: Register("WIA2", 0x09),
@@ -135,7 +135,7 @@ class Ak8963(InnerMagnetometer):
     IDENTITY = (0x00, 0x48)
     STATUS, LAST, MODE, RESET = 0x02, 0x09, 0x0A, 0x0B
     RATES_HZ = {0x12: 8.0, 0x16: 100.0}
-    FROM_NODE = ((0, 1, 0), (1, 0, 0), (0, 0, -1))
+    NODE_TO_CHIP = ((0, 1, 0), (1, 0, 0), (0, 0, -1))
     SENSITIVITY = (176, 178, 166)
     REGISTERS = {
         0x00: Register("WIA", 0x48),

@@ -121,8 +121,6 @@ class Nrf24:
         self._received = b""
         medium.radios.append(self)
 
-    # ---- pins ----
-
     def select(self, t: float, *, selected: bool) -> None:
         """Set CSN: a command begins, or ends and is executed."""
         if self._selected and not selected and self._received:
@@ -143,8 +141,6 @@ class Nrf24:
             self._listening_at = max(t, self._powered_at) + _PLL_SETTLE_NS
         self._enabled = on
         self._send_next(t)
-
-    # ---- commands ----
 
     def _status_register(self) -> int:
         """Return the STATUS register."""
@@ -227,8 +223,6 @@ class Nrf24:
                 self._powered_at = t + _POWER_UP_NS
         else:
             raise RadioAccessError(f"nRF24L01+: write of register 0x{register:02X}; correct the driver")
-
-    # ---- on the air ----
 
     @property
     def _rate(self) -> float:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.filter_core import FilterCore
-from hubodo.fuse.wheel.live_state import LiveExtrapolation, WheelState
+from hubodo.fuse.wheel.live_state import LiveExtrapolation
 from hubodo.fuse.wheel.preintegration import WindowBuilder
 from hubodo.fuse.wheel.records import Pose, SmoothingTerms, StepInput
 from hubodo.fuse.wheel.samples import SampleBlock, WheelSample
@@ -130,8 +130,8 @@ class WheelFilter:
         self._align()
         return FilterOutput(self._take_steps())
 
-    def state(self) -> WheelState | None:
-        """Return the state at the newest sample; None before the first pose."""
+    def state(self) -> Pose | None:
+        """Return the pose at the newest sample; None before the first pose."""
         return self._live.state(self.core)
 
     def set_pose_exact(self) -> None:

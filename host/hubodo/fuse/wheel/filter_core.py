@@ -35,10 +35,7 @@ from hubodo.fuse.wheel.slip_monitor import HISTORY_WINDOWS, SlipMonitor
 from hubodo.fuse.wheel.slip_schedule import SlipSchedule
 from hubodo.fuse.wheel.state_vector import ExternalCorrection, StateReset, initial_state
 from hubodo.fuse.wheel.thresholds import GATE_SIGMA
-from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, Window
-
-_SYMMETRISATION_STEPS = 16
-"""Steps between symmetrisations of the covariance; rounding causes an asymmetry of 1e-15 over this number."""
+from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, WINDOWS_PER_SECOND, Window
 
 _MIN_ROLLING_START_SPEED = GATE_SIGMA * SPEED.prior
 """m/s; a first window that is faster is not a start from standstill."""
@@ -158,7 +155,7 @@ class FilterCore(OutageProcessor):
         check_mounting(self, self.mounting_check, windows, result)
         self.steps += 1
         self.advance(windows)
-        if self.steps % _SYMMETRISATION_STEPS == 0:
+        if self.steps % WINDOWS_PER_SECOND == 0:  # Rounding causes an asymmetry of 1e-15 in a second.
             self.p[:] = 0.5 * (self.p + self.p.T)
         self.inflate_heading_error()
         return self._end_step(step.number, result.motion_state, result.nis, result.dof)

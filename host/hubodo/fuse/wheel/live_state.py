@@ -1,14 +1,12 @@
-"""State of the vehicle at the newest sample, extrapolated from the last pose by the wheels' last samples."""
+"""Pose of the vehicle at the newest sample, extrapolated from the last pose by the wheels' last samples."""
 
 from __future__ import annotations
 
 import cmath
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
-from hubodo.arrays import Array
 from hubodo.fuse.wheel.axle_rate import correct_axle_rate
 from hubodo.fuse.wheel.entries import (
     CAMBER,
@@ -31,29 +29,6 @@ from hubodo.fuse.wheel.records import Pose
 from hubodo.fuse.wheel.samples import WheelSample
 from hubodo.fuse.wheel.wheel import Wheel
 from hubodo.vehicle import facing_sign
-
-
-@dataclass(frozen=True, slots=True)
-class WheelState:
-    """State of the vehicle at the time of the last sample, extrapolated from the last pose.
-
-    Attributes
-    ----------
-    t : s.
-    x, y, heading : m, m, rad; the heading is unwrapped.
-    speed, yaw_rate : m/s, rad/s.
-    covariance : (5, 5) of x, y, heading, speed, yaw_rate at the last pose.
-    motion_state : moving, rocking or standstill.
-    """
-
-    t: float
-    x: float
-    y: float
-    heading: float
-    speed: float
-    yaw_rate: float
-    covariance: Array
-    motion_state: MotionState
 
 
 class SampleRates(NamedTuple):
@@ -87,8 +62,8 @@ class LiveExtrapolation:
         self.pose = pose
         self._rates.clear()
 
-    def state(self, core: FilterCore) -> WheelState | None:
-        """Return the state at the newest sample; None before the first pose."""
+    def state(self, core: FilterCore) -> Pose | None:
+        """Return the pose at the newest sample with the covariance of the last one; None before the first."""
         pose = self.pose
         if pose is None:
             return None
@@ -99,7 +74,7 @@ class LiveExtrapolation:
         rates = [it for it in self._rates.values() if it.t >= pose.t]
         t = max([pose.t, *(it.t for it in rates)])
         if not rates or pose.motion_state is not MotionState.MOVING:
-            return WheelState(t, *pose[1:4], pose.speed, pose.yaw_rate, pose.covariance, pose.motion_state)
+            return pose._replace(t=t)
         speed = sum(it.speed for it in rates) / len(rates)
         yaw_rate = sum(it.yaw_rate for it in rates) / len(rates)
         dt = t - pose.t
@@ -107,7 +82,7 @@ class LiveExtrapolation:
         distance = 0.5 * (speed + pose.speed) * dt
         course = pose.heading + 0.5 * turn
         x, y = pose.x + distance * math.cos(course), pose.y + distance * math.sin(course)
-        return WheelState(t, x, y, pose.heading + turn, speed, yaw_rate, pose.covariance, pose.motion_state)
+        return pose._replace(t=t, x=x, y=y, heading=pose.heading + turn, speed=speed, yaw_rate=yaw_rate)
 
 
 def rates_from_sample(x: Sequence[float], wheel: Wheel, sample: WheelSample, pose_t: float) -> SampleRates:

@@ -1,4 +1,4 @@
-"""Layout of the measurements of all wheels in one Jacobian."""
+"""Layout of the measurements of all wheels in one Jacobian, and the rows that a window does not use."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from hubodo.arrays import Array
 from hubodo.fuse.wheel import measurements
 from hubodo.fuse.wheel.entries import StateLayout
 from hubodo.fuse.wheel.measurements import Measurement
+from hubodo.fuse.wheel.wheel_mode import WheelMode, usage_by_mode
+from hubodo.fuse.wheel.window import Window
 
 
 class MeasurementRows:
@@ -22,6 +24,7 @@ class MeasurementRows:
     def __init__(self, columns: StateLayout) -> None:
         self._wheels, self._of_each = len(columns.wheels), measurements.PER_WHEEL
         self.measurements = self._of_each + measurements.BETWEEN_WHEELS
+        self._used_by_mode = usage_by_mode(self.measurements)
         self.count, self.size = self._wheels * len(self.measurements), columns.size
         places: list[int] = []
         jacobian = self.count * self.size
@@ -52,6 +55,14 @@ class MeasurementRows:
     def rows_of_wheel(self, wheel: int) -> list[int]:
         """Return all rows of a wheel."""
         return [self.row_of(measurement, wheel) for measurement in self.measurements]
+
+    def unused_rows(self, wheel: int, mode: WheelMode, window: Window) -> list[int]:
+        """Return the rows of a wheel, by its index, that are not used in this window."""
+        return [
+            self.row_of(measurement, wheel)
+            for measurement, is_used in zip(self.measurements, self._used_by_mode[mode], strict=True)
+            if not is_used or not measurement.is_usable(window)
+        ]
 
     def fill(self, values: list[float]) -> tuple[Array, Array, Array]:
         """Return Jacobian (rows, states), residuals (rows,) and variances (rows,) of a window.

@@ -27,7 +27,6 @@ from hubodo.fuse.wheel.entries import (
     StateLayout,
 )
 from hubodo.fuse.wheel.measurement_rows import MeasurementRows
-from hubodo.fuse.wheel.measurement_usage import MeasurementUsage
 from hubodo.fuse.wheel.measurements import (
     WindowNoise,
     forward,
@@ -88,7 +87,6 @@ class MeasurementUpdate:
         self._rows = MeasurementRows(columns)
         self._noise = WindowNoise(config.noise, config.radius)
         self._measures = [measurement.measure for measurement in self._rows.measurements]
-        self._usage = MeasurementUsage(self._rows)
         self._yaw = self._rows.measurements.index(yaw)
         wheels = range(len(columns.wheels))
         self._rolling_block, self._turning_block = (
@@ -202,7 +200,7 @@ class MeasurementUpdate:
             yaw_rates.append(view.yaw_rate + residuals[self._yaw] / WINDOW_S / view.camber_cos)
             mode = wheel.mode(window)
             if mode is not WheelMode.ROLLING or not is_clear[index]:
-                silent += self._usage.unused_rows(index, mode, window)
+                silent += self._rows.unused_rows(index, mode, window)
         return values, rolling_rates, yaw_rates, is_clear, silent
 
     def _clear_unobservable(

@@ -14,6 +14,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from hubodo.fuse.wheel.free_motion import vehicle_motion_sigmas
 from hubodo.fuse.wheel.thresholds import (
     GATE_SIGMA,
     MANOEUVRE_S,
@@ -63,9 +64,6 @@ hardly wrong by more; one that touched the road lost more at once. Estimated."""
 _MAX_CONSISTENT_WINDOWS = 100
 """Windows of agreement with the accelerometer after which a slip ends against an inertial speed (10 s: no
 wheel in the air spins so steadily). Estimated."""
-
-_MAX_SPEED_FACTOR = 2.0
-"""Factor on the maximum speed so far, beyond which an inertial speed is discarded. Estimated."""
 
 
 class ForwardResidual(NamedTuple):
@@ -291,5 +289,5 @@ class SlipDetector:
 
 def _is_implausible(inertial_speed: float, slip: float, variance: float, max_speed: float) -> bool:
     """Return True if an inertial speed is less plausible than the speed of a wheel that may slip."""
-    limit = _MAX_SPEED_FACTOR * max_speed
+    limit = vehicle_motion_sigmas(max_speed).speed
     return abs(inertial_speed) > limit > abs(inertial_speed + slip) or variance > limit * limit

@@ -28,11 +28,8 @@ MAX_RATE_BEYOND = 240.0
 
 _TRACKED_WINDOWS = 4
 """Windows tracked together: braking is constant for 0.4 s, in which gravity rotates by half a turn or more.
-"""
-
-_FIRST_TRACKED_WINDOWS = 3
-"""Windows before tracking a spin that was measured until then; fewer do not separate rate from slope. A
-searched spin is known better than these windows tell and waits for `_TRACKED_WINDOWS`.
+A spin that was measured before its first clipped window is tracked from one window fewer on; three separate
+rate from slope. Estimated.
 """
 
 _SEARCH_GRID = np.linspace(-1.0, 1.0, 9)
@@ -158,12 +155,12 @@ class SpinTracker:
     gravity_angle: float | None = None
     unobserved_windows: int = 0
     _windows: deque[Window] = field(default_factory=lambda: deque(maxlen=_TRACKED_WINDOWS))
-    _min_windows: int = _FIRST_TRACKED_WINDOWS
+    _min_windows: int = _TRACKED_WINDOWS - 1
 
     def record_unclipped(self, window: Window) -> None:
         """Record a window whose gyro is in range."""
         self._windows.clear()
-        self.excess, self.is_observed, self._min_windows = 0.0, False, _FIRST_TRACKED_WINDOWS
+        self.excess, self.is_observed, self._min_windows = 0.0, False, _TRACKED_WINDOWS - 1
         self.unobserved_windows = 0
         self.slope = (window.rate_end - window.rate_start) / WINDOW_S
 

@@ -1,9 +1,11 @@
-"""Mode of a wheel in a window: what may be used of it."""
+"""Mode of a wheel in a window, and the measurements that each mode allows."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import Enum
 
+from hubodo.fuse.wheel.measurements import BETWEEN_WHEELS, VALID_WHEN_ROLLING, Measurement
 from hubodo.fuse.wheel.thresholds import MAX_MISSING_SHARE
 
 
@@ -43,3 +45,17 @@ def select_mode(best: WheelMode, angle_known: bool, is_slipping: bool, missing: 
     if not angle_known:
         return WheelMode.UNKNOWN_ANGLE if best is WheelMode.ROLLING and not is_slipping else WheelMode.LOST
     return WheelMode.SLIPPING if is_slipping else best
+
+
+def usage_by_mode(every: Sequence[Measurement]) -> dict[WheelMode, tuple[bool, ...]]:
+    """Return the measurements that each mode of a wheel allows; rolling does not need the wheel angle."""
+    nothing = (False,) * len(every)
+    return {
+        WheelMode.ROLLING: (True,) * len(every),
+        WheelMode.DISTRUSTED_SPEED: tuple(it not in BETWEEN_WHEELS for it in every),
+        WheelMode.SLIPPING: tuple(it not in VALID_WHEN_ROLLING for it in every),
+        WheelMode.UNKNOWN_ANGLE: tuple(it in BETWEEN_WHEELS for it in every),
+        WheelMode.LOST: nothing,
+        WheelMode.OUTAGE: nothing,
+        WheelMode.DISABLED: nothing,
+    }

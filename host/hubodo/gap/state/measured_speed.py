@@ -81,7 +81,7 @@ def build_measuring_chain(
 def correct_measured_speed(
     sources: Sequence[NodeData], weights: Array, errors: Mapping[str, SpeedError]
 ) -> Array:
-    """Return the correction of a speed that gyros measured, (N,) m/s, at the stamps of the first.
+    """Return the correction of a speed that gyros measured, (N,) m/s, at the time stamps of the first source.
 
     weights: (S, N), as in `Problem.speed_weights`
     errors: by node
@@ -104,7 +104,7 @@ def correct_measured_speed(
 
 
 def average_speed_errors(sources: Sequence[NodeData], weights: Array, errors: Mapping[str, Array]) -> Array:
-    """Return the weighted mean error of the gyros, (N,) m/s, at the stamps of the first.
+    """Return the weighted mean error of the gyros, (N,) m/s, at the time stamps of the first source.
 
     weights: (S, N), as in `Problem.speed_weights`
     errors: by node; a missing node counts as 0

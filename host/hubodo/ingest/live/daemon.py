@@ -21,10 +21,11 @@ from hubodo.ingest.live.loop import stop_links as stop_links
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.record_links import create_links, open_links
 from hubodo.ingest.live.record_output import RecordOutput
+from hubodo.ingest.live.record_result import RecordResult
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.snapshot import LogStatus
 from hubodo.ingest.live.snapshot_publisher import Audience, SnapshotObserver, SnapshotPublisher
-from hubodo.ingest.live.status import RecordResult, build_result
+from hubodo.ingest.live.status import build_result
 from hubodo.ingest.live.tee_sink import TeeSink
 from hubodo.ingest.live.view import create_view
 from hubodo.ingest.live.view_thread import ViewThread

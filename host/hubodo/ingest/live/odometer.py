@@ -22,7 +22,6 @@ from hubodo.fuse.ranges import NodeRanges, determine_ranges, uncorrected_accel_l
 from hubodo.fuse.wheel.config import WheelConfig, wheel_config
 from hubodo.fuse.wheel.entries import GYRO_BIAS_X, GYRO_BIAS_Y, GYRO_BIAS_Z
 from hubodo.fuse.wheel.filter import WheelFilter
-from hubodo.fuse.wheel.live_state import WheelState
 from hubodo.fuse.wheel.records import Pose
 from hubodo.fuse.wheel.samples import WheelSample
 from hubodo.fuse.wheel.surface_speeds import SurfaceSpeedAverager, SurfaceSpeeds
@@ -90,7 +89,7 @@ class Odometer:
         self._early_speeds: SurfaceSpeeds = {}
         self._filter: WheelFilter | None = None
         self._last_ns: int | None = None
-        self._state: WheelState | None = None
+        self._state: Pose | None = None
         self._continuous = ContinuousOdom()
         self._warnings = OdometerWarnings()
         self._pose: Pose | None = None
@@ -104,8 +103,8 @@ class Odometer:
         """Distance along the track, m; driving backwards adds to it."""
 
     @property
-    def state(self) -> WheelState | None:
-        """Newest published state; None before the first."""
+    def state(self) -> Pose | None:
+        """Newest published pose; None before the first."""
         return self._state
 
     @property
@@ -244,7 +243,7 @@ class Odometer:
         self._newest_ns[block.node] = newest_ns
         period_ns = (newest_ns - before_ns) // max(len(times) - 1, 1)
         min_interval_ns = max(self._step_ns, period_ns // 2, 1)
-        published: list[tuple[int, WheelState]] = []
+        published: list[tuple[int, Pose]] = []
         beyond_range = (
             itertools.repeat(0.0, len(times)) if block.beyond_range is None else block.beyond_range.tolist()
         )
@@ -268,13 +267,13 @@ class Odometer:
             published.append((state_ns, self._slew(state)))
         return self._build_rows(published) if published else None
 
-    def _slew(self, state: WheelState) -> WheelState:
+    def _slew(self, state: Pose) -> Pose:
         """Return the state to publish, without jumps."""
         x, y, heading = self._continuous.update(
             state.t, state.x, state.y, state.heading, state.speed, state.yaw_rate
         )
         covariance = self._continuous.covariance(state.covariance)
-        return replace(state, x=x, y=y, heading=heading, covariance=covariance)
+        return state._replace(x=x, y=y, heading=heading, covariance=covariance)
 
     def _add_poses(self, poses: tuple[Pose, ...]) -> None:
         self._new_poses += [
@@ -289,7 +288,7 @@ class Odometer:
             else:
                 self.distance += abs(pose.speed) * WINDOW_S
 
-    def _build_rows(self, rows: list[tuple[int, WheelState]]) -> OdometryRows:
+    def _build_rows(self, rows: list[tuple[int, Pose]]) -> OdometryRows:
         times, states = zip(*rows, strict=True)
         self._state = states[-1]
         self.pose_count += len(rows)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.arrays import Array
-from hubodo.fuse.wheel.live_state import WheelState
+from hubodo.fuse.wheel.records import Pose
 from hubodo.log.records import Odometry, Sink, Transform
 
 
@@ -30,7 +30,7 @@ class OdometryRows:
     twist_covariance: Array
 
     @classmethod
-    def from_states(cls, t_ns: Sequence[int], states: Sequence[WheelState]) -> OdometryRows:
+    def from_states(cls, t_ns: Sequence[int], states: Sequence[Pose]) -> OdometryRows:
         """Return the rows of N states of the filter; t_ns: their host times."""
         covariance = np.array([state.covariance for state in states])
         return cls(

@@ -117,7 +117,7 @@ class SamplePublisher:
         self._held.append(item)
 
     def add_run(self, run: ImuRun) -> bool:
-        """Log a run at once and return True, if the clock is known and nothing is held."""
+        """Log a run and return True if the clock is known and no samples are held; else return False."""
         if not self.clock_is_known or self._held or self._unlogged_boot is not None:
             return False
         t_ns = self._imu_times.to_host_ns(run.device_ns)

@@ -117,7 +117,7 @@ class NodeSession:
             self._is_muted = False
             self._exchanges.start_burst()
             if not self.decoder.wants_hello:
-                self._send_message(GetHello())  # it may be another boot, or another board
+                self._send_message(GetHello())  # the sender may have restarted, or be another board
         yield from self._handle_outputs(self.decoder.decode_frame(frame, t_ns, link_counts))
 
     def handle_frames(self, frames: NodeFrames, disconnections: int) -> None:

@@ -10,13 +10,13 @@ from hubodo.arrays import Array
 from hubodo.pages.drawing import add_legend_above, new_figure, render_drawing
 from hubodo.pages.page import PageTable, Section
 from hubodo.sensors.allan.ieee952 import rate_unit
-from hubodo.sensors.allan.other_deviations import KINDS, deviation
+from hubodo.sensors.allan.other_deviations import DEVIATIONS, deviation
 
 if TYPE_CHECKING:
     from hubodo.sensors.allan.result import AllanResult
 
 SPECTRUM = "psd"
-ALSO = (*KINDS, SPECTRUM)
+ALSO = (*DEVIATIONS, SPECTRUM)
 
 
 def also_json(result: AllanResult) -> dict[str, Any]:

@@ -20,14 +20,14 @@ _SEGMENTS = 16
 def deviation(record: EvenGrid, kind: str) -> tuple[Array, Array]:
     """Return averaging times, (P,) s, and a deviation, (P,) in the unit of the record.
 
-    kind: one of `KINDS`. Only the longest span without gaps of more than three samples is used. Raises
+    kind: one of `DEVIATIONS`. Only the longest span without gaps of more than three samples is used. Raises
     InputError for an unknown kind or too short a span.
     """
-    if kind not in KINDS:
-        raise InputError(f"deviation {kind!r}: choose from {', '.join(KINDS)}")
+    if kind not in DEVIATIONS:
+        raise InputError(f"deviation {kind!r}: choose from {', '.join(DEVIATIONS)}")
     values = longest_span(record)
     phase = np.concatenate(([0.0], np.cumsum(values - values.mean()))) * record.dt
-    compute, windows = KINDS[kind]
+    compute, windows = DEVIATIONS[kind]
     factors = [int(m) for m in averaging_factors(len(values)) if windows * m < len(phase)]
     tau = np.array(factors) * record.dt
     variance = np.array([compute(phase, m) for m in factors]) / tau**2
@@ -85,7 +85,7 @@ def _total(phase: Array, m: int) -> float:
     return float(inner @ inner) / (2.0 * len(inner))
 
 
-KINDS: MappingProxyType[str, tuple[Callable[[Array, int], float], int]] = MappingProxyType(
+DEVIATIONS: MappingProxyType[str, tuple[Callable[[Array, int], float], int]] = MappingProxyType(
     {"modified": (_modified, 3), "hadamard": (_hadamard, 3), "total": (_total, 1)}
 )
 """Variance times tau², and number of windows that have to fit into the record, by name."""

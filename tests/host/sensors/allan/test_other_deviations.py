@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import hubodo
-from hubodo.sensors.allan.other_deviations import KINDS, deviation, longest_span
+from hubodo.sensors.allan.other_deviations import DEVIATIONS, deviation, longest_span
 from hubodo.sensors.even_grid import grid_all_samples, place_on_grid
 from in_process import hubodo as run
 
@@ -19,7 +19,7 @@ def samples(seed, count=3000):
     return 1e-3 * rng.standard_normal(count) + 1e-5 * np.cumsum(rng.standard_normal(count))
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", DEVIATIONS)
 def test_a_deviation_equals_that_of_allantools(kind):
     values = samples(1)
     theirs = {"modified": allantools.mdev, "hadamard": allantools.ohdev, "total": allantools.totdev}[kind]

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from hubodo.ingest.live.status import RecordResult
+from hubodo.ingest.live.record_result import RecordResult
 
 LATENCY = {"latency_median": 0.0012, "latency_p99": 0.0101, "latency_worst": 0.25}
 NODE = {
