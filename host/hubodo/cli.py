@@ -64,7 +64,8 @@ def _expand_help(words: list[str]) -> list[str]:
 def build_parser(words: Sequence[str]) -> argparse.ArgumentParser:
     """Return the parser for a command line: all verbs by name, and the options of the verb it names.
 
-    Every verb accepts `--json` and `--debug`.
+    If the first word is a verb, the parser has no others, as they take milliseconds. Every verb accepts
+    `--json` and `--debug`.
     """
     requested = next((word for word in words if word in VERBS), None)
     common = Parser(add_help=False)
@@ -77,7 +78,8 @@ def build_parser(words: Sequence[str]) -> argparse.ArgumentParser:
     )
     for verb, summary in VERBS.items():
         if verb != requested:
-            commands.add_parser(verb, help=summary)
+            if requested not in words[:1]:
+                commands.add_parser(verb, help=summary)
             continue
         module = load_verb(verb)
         command = commands.add_parser(

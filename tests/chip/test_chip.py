@@ -78,6 +78,7 @@ def test_hello_is_sent_soon_after_power_on(run):
     assert run.hello_s <= HELLO_S
 
 
+@pytest.mark.repeat  # test_node_faults has these faults, test_emulated_pico those of this board
 def test_a_bus_that_fails_a_chip_that_restarts_and_a_busy_processor_are_got_over(tmp_path):
     """Every sample is the chip's own, in order, to the end; missing samples are announced."""
     pico_or_skip()

@@ -17,6 +17,7 @@ from small_int import SmallInt
 from generators import spin_drives
 from hubodo.sensors.filters.pseudo_measurement import PseudoMeasurementFilter
 from papers.filters.gravity_rate import rate_from_gravity
+from repetitions import first_and_more
 
 LSB_NDPS, ACCEL_LSB_NG = 70_000_000, 488_000
 STEP = math.radians(LSB_NDPS * 1e-9)
@@ -112,7 +113,7 @@ def test_the_rate_of_a_uniformly_turning_wheel_is_exact(n):
 def test_while_driving_bias_errors_along_the_axle_agree_with_sigma():
     """Drives of 96 s have starts, stops, vibration and a tilted axle; sigma across the axle is unchanged."""
     z, sigmas = [], []
-    for seed in range(12):
+    for seed in range(8):
         table, bias = drive(seed)
         init = create_init()
         assert run_init(init, table) and init.state == wire.FILTER_STATE_TRACKING and init.used > 20
@@ -120,7 +121,7 @@ def test_while_driving_bias_errors_along_the_axle_agree_with_sigma():
         z.append((init.bias_q14[2] / 2**14 - bias[2]) / sigma[2])
         sigmas.append(sigma)
     sigmas = np.array(sigmas)
-    print(f"seeds [5, 0..11]: sigma {np.median(sigmas[:, 2]):.3f} steps, errors / sigma {np.round(z, 2)}")
+    print(f"seeds [5, 0..7]: sigma {np.median(sigmas[:, 2]):.3f} steps, errors / sigma {np.round(z, 2)}")
     low, high = chi2.ppf([0.001, 0.999], len(z))
     assert np.median(sigmas[:, 2]) < 0.25 and low < np.sum(np.square(z)) < high
     assert sigmas[:, :2].min() > 0.9 * 300 / 70
@@ -138,12 +139,13 @@ def test_a_configured_scale_error_is_not_estimated_as_bias():
     assert abs(result[10_000]) < 0.6 and result[0] > 10 * abs(result[10_000])
 
 
-def test_sigma_includes_an_unknown_scale_and_strong_vibration():
+@pytest.mark.parametrize("seeds", first_and_more(range(8), range(8, 16)))
+def test_sigma_includes_an_unknown_scale_and_strong_vibration(seeds):
     """First a random scale error of 1 % with its setting, then vibration sixteen times that of phase_mrad."""
     errors_by_cause = {}
     for cause in ("scale", "vibration"):
         z = []
-        for seed in range(16):
+        for seed in seeds:
             table, bias = drive([7, seed], 60.0, vibration=0.8 if cause == "vibration" else 0.2)
             if cause == "scale":
                 error = np.random.default_rng([8, seed]).normal(0.0, 0.01)
@@ -153,7 +155,7 @@ def test_sigma_includes_an_unknown_scale_and_strong_vibration():
             assert run_init(init, table) and init.state == wire.FILTER_STATE_TRACKING
             z.append((init.bias_q14[2] / 2**14 - bias[2]) / (init.sigma_q12[2] / 2**12))
         errors_by_cause[cause] = z
-        print(f"{cause}, seeds [7, 0..15]: errors / sigma {np.round(z, 2)}")
+        print(f"{cause}, seeds [7, {seeds}]: errors / sigma {np.round(z, 2)}")
     for cause, z in errors_by_cause.items():
         low, high = chi2.ppf([0.001, 0.999], len(z))
         assert low < np.sum(np.square(z)) < high, cause

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Mapping
 from dataclasses import Field, fields
+from functools import cache
 from types import NoneType
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
@@ -52,9 +53,15 @@ def setting_help(settings: type, name: str) -> str:
 def _find_field(settings: type, name: str) -> tuple[Field[Any], Any]:
     """Return the field of a setting and the type of its values, without None."""
     item = next(item for item in fields(settings) if item.name == name)
-    hint = get_type_hints(settings)[name]
+    hint = _type_hints(settings)[name]
     present = [option for option in get_args(hint) if option is not NoneType]
     return item, present[0] if NoneType in get_args(hint) else hint
+
+
+@cache
+def _type_hints(settings: type) -> dict[str, Any]:
+    """Return the types of all settings of a class, which must be evaluated from texts."""
+    return get_type_hints(settings)
 
 
 def _number_type(hint: type, bounds: Mapping[str, Any]) -> Callable[[str], float]:

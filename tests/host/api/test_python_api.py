@@ -39,13 +39,17 @@ def test_a_track_and_its_files_equal_those_of_the_verb(drive, examples, tmp_path
         track.save(tmp_path / "api")
 
 
-def test_a_frame_holds_the_columns_by_time(drive):
+@pytest.fixture(scope="module")
+def track(drive):
+    return drive.fuse()
+
+
+def test_a_frame_holds_the_columns_by_time(drive, track):
     frame = drive.frame("left")
     assert list(frame.columns) == ["gx", "gy", "gz", "ax", "ay", "az", "temperature"]
     assert np.array_equal(frame.index, drive["left"].t) and np.array_equal(frame["gz"], drive["left"]["gz"])
     frame.loc[:, "gz"] = 0.0
     assert drive["left"]["gz"].any()
-    track = drive.fuse()
     assert np.array_equal(track.frame()["sigma_x"], track.sigma_x)
 
 
@@ -128,8 +132,8 @@ def test_a_simulated_log_equals_that_of_the_verb(examples, tmp_path):
     assert simulated.fuse().score.final_percent < 5.0
 
 
-def test_results_have_a_short_representation_and_one_in_html(drive, night_results):
-    track, allan, warmup = drive.fuse(), night_results["allan"], night_results["warmup"]
+def test_results_have_a_short_representation_and_one_in_html(drive, track, night_results):
+    allan, warmup = night_results["allan"], night_results["warmup"]
     for result in (drive, drive["left"], drive.recording, track, allan, warmup, track.plot(), drive.plot()):
         assert len(repr(result)) < 250 and repr(result).startswith(type(result).__name__ + "(")
     for result in (drive, drive["left"], track, allan, warmup):
