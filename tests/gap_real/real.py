@@ -107,18 +107,23 @@ def learn(drive: str, folder: Path) -> MissingEffects:
     return result
 
 
+def find_injection(case: Case, recording: Recording, model: Model) -> Injection:
+    """Return the effect of a case, in the size that belongs to the drive."""
+    top_rate = max(float(np.abs(recording.nodes[name]["gz"]).max()) for name in ("left", "right"))
+    return next(
+        one
+        for one in injections(top_rate, model.noise.gyro, model.noise.accel)
+        if (one.effect, one.strength) == (case.effect, case.strength)
+    )
+
+
 def run_case(case: Case, folder: Path, seed: int) -> Row:
     """Judge a drive with the model of the other one."""
     recording, model = read_drive(case.drive), read_model(folder / f"{case.learnt_on}.toml")
     injection: Injection | None = None
     recorded: Mapping[str, float] = {}
     if case.effect:
-        top_rate = max(float(np.abs(recording.nodes[name]["gz"]).max()) for name in ("left", "right"))
-        injection = next(
-            one
-            for one in injections(top_rate, model.noise.gyro, model.noise.accel)
-            if (one.effect, one.strength) == (case.effect, case.strength)
-        )
+        injection = find_injection(case, recording, model)
         recording = injection.apply(recording, case.node, seed)
         recorded = measure_recorded(read_drive(case.drive), model, case.effect, case.node)
     start = time.monotonic()

@@ -33,7 +33,7 @@ _MIN_HELD_OUT_Z, _MIN_HELD_OUT_SHARE = 2.5, 0.3
 _MIN_LEVEL_SIGMAS, _MIN_LEVEL_SIGMAS_UNNAMED, _TRIAD_SIZE = 0.45, 1.3, 3
 # Smallest gain of an effect that a varying noise level could produce where residuals are correlated, in ln
 # likelihood, tempered: the mean of a real sensor's noise, which differs with the spin, imitates effects.
-_MIN_CORRELATED_GAIN, MIN_CORRELATED_TEMPERING = 45.0, 3.0
+MIN_CORRELATED_GAIN, MIN_CORRELATED_TEMPERING = 45.0, 3.0
 # Smallest share of the gain that the plausible coordinates of an effect must have alone.
 _MIN_PLAUSIBLE_SHARE = 0.5
 # ln Bayes factor of a hypothesis with an objection: too little for any prior.
@@ -177,7 +177,7 @@ def _weigh_objections(
     if not _helps_held_out(gain, held_out_gain, tempering):
         return hypothesis.with_objection("does not help on samples to which it was not fitted")
     is_correlated = tempering > MIN_CORRELATED_TEMPERING
-    chance = _MIN_CORRELATED_GAIN * tempering if is_correlated else 0.0
+    chance = MIN_CORRELATED_GAIN * tempering if is_correlated else 0.0
     if not term.effect.name.startswith(PREFIX):
         # An effect may take over what differences of the given ones explain without it.
         given_gain = max(baseline.fit.given_gain, after.given_gain)

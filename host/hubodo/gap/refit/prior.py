@@ -31,13 +31,14 @@ class CoordinatePrior:
 
     information: (K,), diagonal of the inverse covariance, times the tempering
     value: (K,) current coordinates in scales
-    tempering: factor by which correlated residuals exaggerate the information of the log; the prior is scaled
-        alike
+    tempering, given_tempering: factors by which correlated residuals exaggerate the information of the log
+        about free terms and given effects; the prior is scaled alike
     """
 
     information: Array
     value: Array
     tempering: float
+    given_tempering: float = 1.0
 
     @property
     def is_free(self) -> NDArray[np.bool_]:
@@ -59,12 +60,17 @@ class CoordinatePrior:
         return float(self.information @ (self.value + step) ** 2)
 
 
-def build_prior(terms: Sequence[ModelTerm], size: int, tempering: float) -> CoordinatePrior:
+def build_prior(
+    terms: Sequence[ModelTerm], size: int, tempering: float, given_tempering: float | None = None
+) -> CoordinatePrior:
     """Return the prior of the coordinates of terms, followed by free nuisances, `size` in total.
 
     Coordinates with several initial guesses, such as a time constant, and those of a limit have none. That of
     a nuisance is about its value in the model file.
+
+    given_tempering: as in `CoordinatePrior`; None if it is equal to `tempering`
     """
+    given_tempering = tempering if given_tempering is None else given_tempering
     information, value = np.zeros(size), np.zeros(size)
     first = 0
     for term in terms:
@@ -73,14 +79,16 @@ def build_prior(terms: Sequence[ModelTerm], size: int, tempering: float) -> Coor
         information[inside] = _has_prior(type(term.effect)) * tempering / _PRIOR_SCALES**2
         value[inside] = term.effect.coordinates() / scales
         if term.is_nuisance:
-            is_correlated = tempering > _MIN_GIVEN_TEMPERING
-            information[inside] = tempering / term.repeatability**2 if is_correlated else _FROZEN_INFORMATION
+            is_correlated = given_tempering > _MIN_GIVEN_TEMPERING
+            information[inside] = (
+                given_tempering / term.repeatability**2 if is_correlated else _FROZEN_INFORMATION
+            )
             value[inside] = 0.0
         frozen = [first + k for k in term.frozen]
         information[frozen], value[frozen] = _FROZEN_INFORMATION, 0.0
         first += len(scales)
     value[information == 0.0] = 0.0
-    return CoordinatePrior(information, value, tempering)
+    return CoordinatePrior(information, value, tempering, given_tempering)
 
 
 def coordinate_slice(terms: Sequence[ModelTerm], term: ModelTerm) -> slice:
@@ -95,9 +103,13 @@ def coordinate_slice(terms: Sequence[ModelTerm], term: ModelTerm) -> slice:
 
 
 def adopt_prior(
-    terms: Sequence[ModelTerm], size: int, other: CoordinatePrior, other_terms: Sequence[ModelTerm]
+    terms: Sequence[ModelTerm],
+    size: int,
+    tempering: float,
+    other: CoordinatePrior,
+    other_terms: Sequence[ModelTerm],
 ) -> CoordinatePrior:
-    """Return the prior of terms with the tempering of another prior and the given effects that it holds."""
+    """Return the prior of terms that treats given effects as another prior does, and holds the same ones."""
     held = {
         term.key
         for term in other_terms
@@ -107,7 +119,7 @@ def adopt_prior(
     for term in terms:
         if term.is_nuisance and term.key in held:
             is_held[coordinate_slice(terms, term)] = True
-    return build_prior(terms, size, other.tempering).freeze(is_held)
+    return build_prior(terms, size, tempering, other.given_tempering).freeze(is_held)
 
 
 def determine_prior(

@@ -263,7 +263,9 @@ def linearise_fit(
     if baseline is None:
         prior = determine_prior(terms, gram, raw_squares, given_tempering)
     else:
-        prior = adopt_prior(terms, len(gram) - 1, baseline.prior, baseline.terms)
+        is_same_fit = [term.key for term in free_terms] == [term.key for term in baseline.free_terms]
+        tempering = baseline.prior.tempering if is_same_fit else given_tempering
+        prior = adopt_prior(terms, len(gram) - 1, tempering, baseline.prior, baseline.terms)
     covariance = invert_information(gram[:-1, :-1], raw_squares, prior.information)
     step = covariance @ (gram[:-1, -1] - prior.gradient)
     score = blocks[:, :-1, -1] - blocks[:, :-1, :-1] @ step

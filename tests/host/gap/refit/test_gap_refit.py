@@ -98,9 +98,12 @@ def test_a_hypothesis_holds_the_given_effects_that_its_baseline_holds():
         for name in ("lever_arm", "node_misalignment")
     )
     baseline = build_prior([arm, tilt], 6, 4.0).freeze(np.arange(6) < 3)
-    prior = adopt_prior([ModelTerm(BY_NAME["wheel_camber"](), "left"), tilt, arm], 7, baseline, [arm, tilt])
+    terms = [ModelTerm(BY_NAME["wheel_camber"](), "left"), tilt, arm]
+    prior = adopt_prior(terms, 7, 30.0, baseline, [arm, tilt])
     assert prior.is_free.tolist() == [True] * 4 + [False] * 3
-    assert prior.tempering == baseline.tempering
+    own = build_prior(terms, 7, 30.0)
+    assert prior.information[0] == own.information[0], "that of a new effect is scaled by its own fit"
+    np.testing.assert_allclose(prior.information[1:4], baseline.information[3:])
 
 
 def test_in_white_noise_a_wrong_value_of_a_given_effect_is_no_nuisance(evaluation):
