@@ -76,7 +76,8 @@ class Likelihood:
         misfit: relative error of the model, independent from point to point.
         detrended: the points are those of the record minus its slope, so that only the slope informs the
             ramp.
-        correlated: (P,) Allan variances of correlated noise beside the terms, see `markov`; None for none.
+        correlated: Allan variances of correlated noise beside the terms, see `markov`, (P,) or one row for
+            each of M points of `residuals`; None for none.
     """
 
     factors: NDArray[np.int64]
@@ -191,18 +192,9 @@ class Likelihood:
 
         start: (6,) initial vector, by default `initial_guess`. N must be active.
         """
-        x = self.initial_guess(active) if start is None else start.copy()
         fixed = fixed or {}
         free = [term for term in active if term not in fixed]
-        largest = np.append(self._largest_log_squares(), (np.inf, np.inf))
-        for term in range(6):
-            if term not in active:
-                x[term] = ABSENT_LOG_SQUARE if term < R else 0.0
-            elif term in fixed:
-                x[term] = fixed[term]
-            elif term < R:
-                # Where a term is negligible the cost is flat, so the search must not start there.
-                x[term] = max(x[term], largest[term] - _START_LOG_RANGE)
+        x = self.starting_point(active, self.initial_guess(active) if start is None else start, fixed)
         if not free:
             return LikelihoodMaximum(x, tuple(active), self.cost(x))
         scale = np.array(
@@ -211,12 +203,7 @@ class Likelihood:
                 for k in free
             ]
         )
-        low = np.array(
-            [-np.inf if k == R else -3.0 if k == BAND else largest[k] - 2.0 * _MAX_LOG_RANGE for k in free]
-        )
-        high = np.array(
-            [np.inf if k == R else _MAX_LOG_RANGE if k == BAND else largest[k] + 5.0 for k in free]
-        )
+        low, high = self.bounds(free)
 
         def full_vector(step: Array) -> Array:
             full = np.empty((*step.shape[:-1], len(x)))
@@ -226,6 +213,30 @@ class Likelihood:
 
         solution, cost = minimise(lambda step: self.cost_parts(full_vector(step)), x[free] / scale, low, high)
         return LikelihoodMaximum(full_vector(solution[None])[0], tuple(active), cost)
+
+    def starting_point(
+        self, active: Sequence[int], start: Array, fixed: Mapping[int, float] | None = None
+    ) -> Array:
+        """Return the vector, (6,), at which a search from `start` begins; terms not active are absent.
+
+        Where a term is negligible the cost is flat, so the search does not start there.
+        """
+        x, fixed, largest = start.copy(), fixed or {}, self._largest_log_squares()
+        for term in range(6):
+            if term not in active:
+                x[term] = ABSENT_LOG_SQUARE if term < R else 0.0
+            elif term in fixed:
+                x[term] = fixed[term]
+            elif term < R:
+                x[term] = max(x[term], largest[term] - _START_LOG_RANGE)
+        return x
+
+    def bounds(self, free: Sequence[int]) -> tuple[Array, Array]:
+        """Return the lowest and highest values of free terms, (n,) each; R has none."""
+        largest = np.append(self._largest_log_squares(), (np.inf, np.inf))
+        low = [-np.inf if k == R else -3.0 if k == BAND else largest[k] - 2.0 * _MAX_LOG_RANGE for k in free]
+        high = [np.inf if k == R else _MAX_LOG_RANGE if k == BAND else largest[k] + 5.0 for k in free]
+        return np.array(low), np.array(high)
 
     def initial_guess(self, active: Sequence[int]) -> Array:
         """Return an initial vector, (6,): each term slightly below the largest that the points allow."""

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from hubodo.arrays import Array
+from hubodo.sensors.allan.gauss_newton import minimise
 from hubodo.sensors.allan.likelihood import BAND, B, K, Likelihood, LikelihoodMaximum, N
 
 _PROCESS_CLAIM_COST = 25.0
@@ -18,7 +19,8 @@ _MIN_CORRELATION_SAMPLES = 8.0
 _MIN_RECORD_PER_TIME = 20.0
 _TIMES = 16
 _MIN_OCTAVES, _MAX_WHITE_RATIO = 8, 0.65
-_MAX_LOG_SIZE_BELOW_POINTS = 8.0
+_MAX_LOG_SIZE_BELOW_POINTS, _MAX_LOG_SIZE_ABOVE_POINTS, _START_LOG_SIZE = 8.0, 0.7, -0.7
+"""Logarithms of the size of the process relative to the largest that does not exceed any point."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,15 @@ def _unit_variance(tau: Array, time: float) -> Array:
     return np.asarray(2.0 / ratio * bracket)
 
 
+@dataclass(frozen=True)
+class _Trial:
+    """The most probable process of one correlation time, its -2 ln likelihood, and ln N² beside it."""
+
+    noise: MarkovNoise
+    cost: float
+    log_square_of_n: float
+
+
 def fit_markov(full: Likelihood) -> MarkovFit | None:
     """Return the fit from the first octave on with a process, or None if the points do not demand one.
 
@@ -78,22 +89,23 @@ def fit_markov(full: Likelihood) -> MarkovFit | None:
     if not len(times):
         return None
     trials = [_at_time(full, active, plain, float(time)) for time in times]
-    costs = np.array([maximum.cost for _, _, maximum in trials])
-    at = int(np.argmin(costs))
+    at = int(np.argmin([trial.cost for trial in trials]))
     around = np.log([times[max(at - 1, 0)], times[min(at + 1, len(times) - 1)]])
     refined = minimize_scalar(
-        lambda log_time: _at_time(full, active, plain, float(np.exp(log_time)))[2].cost,
+        lambda log_time: _at_time(full, active, plain, float(np.exp(log_time))).cost,
         bounds=around,
         method="bounded",
         options={"xatol": 0.02},
     ).x
     trials.append(_at_time(full, active, plain, float(np.exp(refined))))
-    costs = np.array([maximum.cost for _, _, maximum in trials])
-    best, likelihood, maximum = trials[int(np.argmin(costs))]
+    costs = np.array([trial.cost for trial in trials])
+    best = trials[int(np.argmin(costs))].noise
+    likelihood = replace(full, correlated=best.variance(full.tau))
+    maximum = likelihood.maximise(active, plain.x)
     if plain.cost - maximum.cost < _PROCESS_CLAIM_COST:
         return None
     weights = np.exp(-0.5 * (costs - costs.min()))
-    values = np.array([np.exp(0.5 * trial.x[N]) for _, _, trial in trials])
+    values = np.array([np.exp(0.5 * trial.log_square_of_n) for trial in trials])
     mean = weights @ values / weights.sum()
     spread = float(np.sqrt(weights @ (values - mean) ** 2 / weights.sum()))
     return MarkovFit(best, likelihood, maximum, spread)
@@ -106,21 +118,25 @@ def _correlation_times(full: Likelihood) -> Array:
     return np.geomspace(shortest, longest, _TIMES) if longest > 2.0 * shortest else np.empty(0)
 
 
-def _at_time(
-    full: Likelihood, active: tuple[int, ...], start: LikelihoodMaximum, time: float
-) -> tuple[MarkovNoise, Likelihood, LikelihoodMaximum]:
-    """Return the process of the most probable size for a correlation time, s, and the fit beside it."""
+def _at_time(full: Likelihood, active: tuple[int, ...], start: LikelihoodMaximum, time: float) -> _Trial:
+    """Return the most probable process of a correlation time, s, fitted together with the terms."""
     unit = _unit_variance(full.tau, time)
     largest = float(np.log(np.min(full.avar / unit)))
+    beside, terms = replace(full, correlated=unit), list(active)
+    x = beside.starting_point(active, start.x)
 
-    def beside(log_size: float) -> tuple[Likelihood, LikelihoodMaximum]:
-        likelihood = replace(full, correlated=np.exp(log_size) * unit)
-        return likelihood, likelihood.maximise(active, start.x)
+    def evaluate(points: Array) -> tuple[Array, Array]:
+        """Return the parts of the cost at M points of the terms and the logarithm of the size."""
+        vectors = np.tile(x, (len(points), 1))
+        vectors[:, terms] = points[:, :-1]
+        beside.correlated = np.exp(points[:, -1:]) * unit
+        return beside.cost_parts(vectors)
 
-    size = minimize_scalar(
-        lambda log_size: beside(log_size)[1].cost,
-        bounds=(largest - _MAX_LOG_SIZE_BELOW_POINTS, largest + 0.7),
-        method="bounded",
-        options={"xatol": 0.02},
-    ).x
-    return MarkovNoise(float(np.exp(0.5 * size)), time), *beside(float(size))
+    low, high = beside.bounds(active)
+    solution, cost = minimise(
+        evaluate,
+        np.append(x[terms], largest + _START_LOG_SIZE),
+        np.append(low, largest - _MAX_LOG_SIZE_BELOW_POINTS),
+        np.append(high, largest + _MAX_LOG_SIZE_ABOVE_POINTS),
+    )
+    return _Trial(MarkovNoise(float(np.exp(0.5 * solution[-1])), time), cost, float(solution[terms.index(N)]))
