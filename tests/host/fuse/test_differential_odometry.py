@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import chi2
 
 from hubodo.fuse.differential_odometry import (
     DifferentialOdometry,
@@ -16,6 +17,7 @@ from hubodo.fuse.differential_odometry import (
 )
 from hubodo.fuse.rolling_wheel import OdometryNoise, WheelSamples, WheelSpec
 from hubodo.units import NS_PER_S
+from repetitions import first_and_more
 
 T0 = 1_700_000_000 * NS_PER_S
 R, B = 0.3, 0.9
@@ -195,8 +197,9 @@ def test_slow_rolling_is_not_a_standstill():
     assert odometry.state().x == pytest.approx(0.6, abs=0.01)
 
 
-def test_the_covariance_covers_many_noisy_drives():
-    """The normalised squared errors of 50 drives, 3 degrees of freedom each, sum to a chi-square(150)."""
+@pytest.mark.parametrize("drives", first_and_more(20, 50))
+def test_the_covariance_covers_many_noisy_drives(drives):
+    """The normalised squared errors of drives, 3 degrees of freedom each, sum to a chi-square."""
     noise = OdometryNoise(
         gyro=0.02, road=0.0, lateral=0.0, speed_walk=0.0, radius=0.005, radius_each=0.002, track=0.01
     )
@@ -205,7 +208,7 @@ def test_the_covariance_covers_many_noisy_drives():
     truth = run_odometry(cfg, *without_noise)[-1]
     total, seed = 0.0, 4
     rng = np.random.default_rng(seed)
-    for _ in range(50):
+    for _ in range(drives):
         common_scale, track = rng.normal(0, 0.005), 1 + rng.normal(0, 0.01)
         wheels = []
         for side, samples in zip(("left", "right"), without_noise, strict=True):
@@ -217,8 +220,8 @@ def test_the_covariance_covers_many_noisy_drives():
         last = run_odometry(with_errors, *wheels)[-1]
         error = np.array([last.x - truth.x, last.y - truth.y, last.heading - truth.heading])
         total += float(error @ np.linalg.solve(np.array(truth.covariance), error))
-    # 99.9 % of chi-square(150) lies within 99.5 to 213.6.
-    assert 99.5 < total < 213.6, f"seed {seed}"
+    low, high = chi2.ppf([0.0005, 0.9995], 3 * drives)
+    assert low < total < high, f"seed {seed}"
 
 
 CONSTANTS = ("radius", "radius_each", "track", "left_bias", "right_bias")

@@ -247,7 +247,7 @@ def test_calibration_on_the_first_half_improves_the_total_distance(
     skip_held_out_segments(monkeypatch)
     distance_errors: dict[str, list[float]] = {"nominal": [], "calibrated": []}
     for seed in seeds:
-        drive = _loop_drive(seed, 120.0, FAST)
+        drive = _loop_drive(seed, 90.0, FAST)
         measured = _exact_positions(drive, seed)
         result = calibrate_wheels(
             config(drive), tables(drive), measured.select(measured.t < 0.5 * measured.t[-1])

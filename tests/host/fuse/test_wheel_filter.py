@@ -50,7 +50,7 @@ def test_live_odometry_equals_bulk_bit_by_bit() -> None:
     _assert_equal_bits([*poses, *live.finish().poses])
 
 
-@settings(max_examples=8)
+@settings(max_examples=5)
 @given(st.integers(0, 2**32 - 1))
 def test_blocks_of_any_size_equal_bulk_bit_by_bit(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -49,7 +49,7 @@ def test_a_lag_of_zero_is_the_filter_and_one_of_the_log_length_is_full_smoothing
 def test_a_longer_lag_never_increases_the_heading_sigma_and_keeps_the_last_pose() -> None:
     drive = short_loop(9)
     settings, recorded = config(drive), tables(drive)
-    tracks = [run_wheel_filter(settings, recorded, lag=lag).track for lag in (0.0, 0.5, 2.0, 8.0, np.inf)]
+    tracks = [run_wheel_filter(settings, recorded, lag=lag).track for lag in (0.0, 0.5, 2.0, np.inf)]
     for shorter, longer in itertools.pairwise(tracks):
         assert np.all(longer.covariance[:, 2, 2] <= shorter.covariance[:, 2, 2] * (1.0 + 1e-6))
     middle = len(tracks[0].t) // 2
