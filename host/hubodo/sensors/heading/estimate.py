@@ -15,6 +15,7 @@ from hubodo.calibration.triad import triad_from_effects
 from hubodo.errors import InputError
 from hubodo.fuse.heading_filter import BiasNoise
 from hubodo.recording import Recording, Table
+from hubodo.sensors.heading.bias_walk import TYPICAL_TEMPERATURE_COEFFICIENT, add_bias_walk
 from hubodo.sensors.heading.prior import axis_direction, vertical_axis_warmup
 from hubodo.sensors.heading.result import HeadingResult
 from hubodo.sensors.heading.score import read_true_heading, score_heading
@@ -38,9 +39,8 @@ TYPICAL_GYRO_LAG = 0.005  # s
 """Group delay of a gyro with 30 Hz bandwidth, a common setting of MEMS gyros in vehicles."""
 TYPICAL_BIAS_INSTABILITY = math.radians(30.0) / 3600.0
 """B of IEEE 952, rad/s: data sheets of commercial MEMS gyros state 10 to 40 degrees per hour."""
-TYPICAL_TEMPERATURE_COEFFICIENT = math.radians(0.02)  # rad/s per °C
 _MIN_TEMPERATURE_CHANGE = 0.3
-"""Of data sheets of MEMS gyros (0.005 to 0.05 deg/s per °C); smaller changes, °C, are within the noise."""
+"""°C; with a typical coefficient, smaller changes are within the noise."""
 UNCALIBRATED_SCALE_SIGMA = 0.01
 """1σ of the relative scale error of an uncalibrated MEMS gyro; data sheets state 1 to 3 % tolerance."""
 
@@ -112,6 +112,7 @@ def heading_from_recording(
         notes.append("no warm-up model of this axis: soon after power-on its bias drifts by more than sigma")
     sigmas |= _uncalibrated_temperature(axis, spans, sigmas, notes)
     noise = replace(_bias_noise(options, effects, axis, spans, notes), warmup=sigmas)
+    noise = add_bias_walk(noise, model, axis, spans, options.age or 0.0, notes)
     scale_sigma = _scale_sigma(options, effects, notes)
     lag = _gyro_delay(options, effects)
     track = estimate_heading(
@@ -126,8 +127,7 @@ def heading_from_recording(
         rounding=_rounding(axis, spans, notes),
     )
     notes += _describe_gaps(track.gaps)
-    truth = read_true_heading(recording)
-    scored = None if truth is None else score_heading(track, truth)
+    scored = None if (truth := read_true_heading(recording)) is None else score_heading(track, truth)
     return HeadingResult(
         log,
         output,
