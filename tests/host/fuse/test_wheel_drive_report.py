@@ -21,6 +21,7 @@ from hubodo.fuse.wheel.track import (
     _rerun_without_clock_jump,
     track_from_poses,
 )
+from hubodo.fuse.wheel.wheel_counts import WheelCounts
 from hubodo.recording import Table
 
 TURN = 2.0 * math.pi
@@ -36,24 +37,12 @@ def warnings_of(
     **changes: Any,
 ) -> list[str]:
     """Return the warnings of a drive of that many windows with one wheel; changes: its unusual values."""
-    unremarkable = {
-        "missing_windows": 0,
-        "angle_losses": 0,
-        "turned_angle": 50.0,
-        "net_angle": 50.0,
-        "upright_count": 100,
-    }
-    unremarkable |= {
-        "upright_sum": 100.0,
-        "clipped_windows": 0,
-        "blind_windows": 0,
-        "outlier_windows": 0,
-        "name": "left",
-    }
+    outages = OutageLog(seconds=0.1 * changes.pop("outage_windows", 0))
+    usual = {"turned_angle": 50.0, "net_angle": 50.0, "upright_count": 100, "upright_sum": 100.0}
     core = SimpleNamespace(
-        wheels=[SimpleNamespace(**{**unremarkable, **changes})],
+        wheels=[SimpleNamespace(name="left", counts=WheelCounts(**{**usual, **changes}))],
         mounting_check=SimpleNamespace(verdict=verdict),
-        outages=OutageLog(seconds=0.1 * changes.pop("outage_windows", 0)),
+        outages=outages,
         windows=windows,
     )
     config = SimpleNamespace(ground_rate_sigma=ground_rate_sigma)
@@ -183,8 +172,10 @@ def make_run(
         "verdict": "what it is",
         **changes,
     }
-    wheels = [SimpleNamespace(name=name, outlier_windows=0, node=node) for name, node in CONFIG.nodes.items()]
-    wheels[1].outlier_windows = outlier_windows
+    wheels = [
+        SimpleNamespace(name=name, counts=WheelCounts(), node=node) for name, node in CONFIG.nodes.items()
+    ]
+    wheels[1].counts.outlier_windows = outlier_windows
     core = SimpleNamespace(wheels=wheels, mounting_check=SimpleNamespace(**mounting))
     report = WheelReport(0.0, 0.0, 0.0, "", {}, {}, {}, {}, ("before",))
     track = SimpleNamespace(yaw_rate=np.full(3, yaw_rate))

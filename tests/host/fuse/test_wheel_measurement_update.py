@@ -232,9 +232,9 @@ def test_an_angle_is_dropped_if_gravity_turned_over_a_gap_by_more_than_braking_t
         wheel.gather_gravity(window_with(number, 0.0))
     wheel.gather_gravity(Window(missing=0.8))
     for number in range(21, 24):
-        assert wheel.angle_initialised and wheel.angle_losses == 0
+        assert wheel.angle_initialised and wheel.counts.angle_losses == 0
         wheel.gather_gravity(window_with(number, turned))
-    assert (wheel.angle_losses, wheel.angle_initialised) == (losses, not losses)
+    assert (wheel.counts.angle_losses, wheel.angle_initialised) == (losses, not losses)
 
 
 @pytest.mark.parametrize("is_clipped", [False, True])

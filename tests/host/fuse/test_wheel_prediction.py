@@ -11,6 +11,7 @@ from hubodo.fuse.wheel.entries import CAMBER, SPEED, WHEEL_ANGLE
 from hubodo.fuse.wheel.motion_prediction import MotionPrediction
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.state_vector import initial_state
+from hubodo.fuse.wheel.wheel_counts import WheelCounts
 from hubodo.fuse.wheel.wheel_mode import WheelMode
 from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, Window
 
@@ -101,7 +102,7 @@ def test_wheel_angle_and_camber_are_initialised_from_gravity(
         wheel, x, p = make_wheel(side)
         for number in range(4, 4 + windows):
             wheel.gather_gravity(rolling_window(number, start_angle, 0.05))
-        assert wheel.alignment_count == windows and not wheel.angle_initialised
+        assert wheel.alignment.count == windows and not wheel.angle_initialised
         p += 0.3
         assert wheel.initialise_angle(x, p, at_begin) == [wheel.columns[WHEEL_ANGLE]]
         angle_error = cmath.phase(
@@ -119,12 +120,12 @@ def test_wheel_angle_and_camber_are_initialised_from_gravity(
 @pytest.mark.parametrize(("jump", "losses"), [(0.0, 0), (0.1, 0), (-0.1, 0), (2.0, 1), (-2.0, 1)])
 def test_a_changed_gravity_direction_after_a_gap_drops_the_angle(jump: float, losses: int) -> None:
     wheel = wheel_after_gap(41)
-    assert wheel.missing_windows == 1
+    assert wheel.counts.missing_windows == 1
     for number in range(42, 120):
         wheel.gather_gravity(rolling_window(number, 0.7 + jump))
-    assert (wheel.angle_losses, wheel.angle_initialised) == (losses, not losses)
+    assert (wheel.counts.angle_losses, wheel.angle_initialised) == (losses, not losses)
     wheel.gather_gravity(EMPTY_WINDOW)
-    assert not wheel.angle_initialised and wheel.missing_windows == 2
+    assert not wheel.angle_initialised and wheel.counts.missing_windows == 2
 
 
 @pytest.mark.parametrize("clipped", ["spin_clipped", "force_clipped"])
@@ -132,14 +133,14 @@ def test_clipped_windows_are_ignored_in_the_gravity_check(clipped: str) -> None:
     wheel = wheel_after_gap(40)
     for number in range(41, 200):
         wheel.gather_gravity(rolling_window(number, 2.7, **({clipped: 0.5} if number < 80 else {})))
-    assert (wheel.angle_losses, wheel.angle_initialised) == (0, True)
+    assert (wheel.counts.angle_losses, wheel.angle_initialised) == (0, True)
 
 
 def test_a_bump_in_one_of_three_windows_after_a_gap_keeps_the_angle() -> None:
     wheel = wheel_after_gap(40)
     for number in range(41, 60):
         wheel.gather_gravity(rolling_window(number, 0.7 + 2.0 * (number == 41)))
-    assert (wheel.angle_losses, wheel.angle_initialised) == (0, True)
+    assert (wheel.counts.angle_losses, wheel.angle_initialised) == (0, True)
 
 
 def test_swapping_the_side_mirrors_the_contact_point() -> None:
@@ -151,24 +152,20 @@ def test_swapping_the_side_mirrors_the_contact_point() -> None:
 
 def test_a_wheel_counts_its_turned_angle_and_upright_windows() -> None:
     """Gravity is reversed in a node that is mounted upside down."""
-    wheel, *_ = make_wheel()
-    wheel.angle_initialised = True
+    counts = WheelCounts()
     for number in range(50):
-        wheel.count_window(rolling_window(number), SPIN, 0.7 + SPIN * number * WINDOW_S)
-    assert (wheel.upright_count, wheel.upright_sum) == (50, pytest.approx(50.0))
-    assert wheel.turned_angle == wheel.net_angle == pytest.approx(50 * SPIN * WINDOW_S)
+        counts.add_window(rolling_window(number), SPIN, 0.7 + SPIN * number * WINDOW_S)
+    assert (counts.upright_count, counts.upright_sum) == (50, pytest.approx(50.0))
+    assert counts.turned_angle == counts.net_angle == pytest.approx(50 * SPIN * WINDOW_S)
     for number in range(10):
-        wheel.count_window(
-            rolling_window(number), -SPIN, 0.7 + np.pi + 2.0 * SPIN * (number + 0.5) * WINDOW_S
-        )
-    assert wheel.turned_angle == pytest.approx(60 * SPIN * WINDOW_S)
-    assert wheel.net_angle == pytest.approx(40 * SPIN * WINDOW_S)
-    assert wheel.upright_count == 60 and wheel.clipped_windows == 0
-    wheel.count_window(rolling_window(0, force_clipped=0.1), SPIN, 0.7)
-    wheel.count_window(rolling_window(0), 0.99, 0.7)
-    wheel.angle_initialised = False
-    wheel.count_window(rolling_window(0, spin_clipped=0.1), SPIN, 0.7)
-    assert wheel.upright_count == 60 and wheel.clipped_windows == 1
+        counts.add_window(rolling_window(number), -SPIN, 0.7 + np.pi + 2.0 * SPIN * (number + 0.5) * WINDOW_S)
+    assert counts.turned_angle == pytest.approx(60 * SPIN * WINDOW_S)
+    assert counts.net_angle == pytest.approx(40 * SPIN * WINDOW_S)
+    assert counts.upright_count == 60 and counts.clipped_windows == 0
+    counts.add_window(rolling_window(0, force_clipped=0.1), SPIN, 0.7)
+    counts.add_window(rolling_window(0), 0.99, 0.7)
+    counts.add_window(rolling_window(0, spin_clipped=0.1), SPIN, None)
+    assert counts.upright_count == 60 and counts.clipped_windows == 1
 
 
 @pytest.mark.parametrize(

@@ -131,7 +131,7 @@ def test_the_angle_is_lost_after_half_a_second_without_gravity_in_any_axis(count
     wheel, x, p = make_wheel(FakeSpinTracker(False))
     wheel.spin_tracker.unobserved_windows = count
     derotate_window(x, p, wheel, CLIPPED._replace(force_clipped=1.0))
-    assert (wheel.angle_losses, wheel.angle_initialised) == (losses, not losses)
+    assert (wheel.counts.angle_losses, wheel.angle_initialised) == (losses, not losses)
 
 
 @pytest.mark.parametrize(("variance", "losses"), [(0.79, 0), (0.83, 1)])
@@ -145,7 +145,7 @@ def test_an_angle_sigma_of_three_priors_at_mid_window_drops_the_angle(
     p[excess, excess], p[angle, excess], p[excess, angle] = 4.0, cross, cross
     p[angle, angle] = variance - WINDOW_S * cross - 0.25 * WINDOW_S**2 * (4.0 + MAX_RATE_CHANGE**2)
     derotate_window(x, p, wheel, CLIPPED)
-    assert (wheel.angle_losses, wheel.angle_initialised) == (losses, not losses)
+    assert (wheel.counts.angle_losses, wheel.angle_initialised) == (losses, not losses)
 
 
 @pytest.mark.parametrize(
@@ -165,7 +165,7 @@ def test_a_slipping_wheel_loses_its_angle_where_the_spin_is_not_tracked(
     if slipping:
         wheel.slip_detector.start_slip(1)
     derotate_window(x, p, wheel, CLIPPED._replace(force_clipped=0.2 * force_clipped))
-    assert (wheel.angle_losses, wheel.angle_initialised) == (losses, not losses)
+    assert (wheel.counts.angle_losses, wheel.angle_initialised) == (losses, not losses)
 
 
 def test_lever_arm_sigma_after_clipping_is_at_least_the_previous_one_or_four_millimetres() -> None:
@@ -219,9 +219,9 @@ def test_an_angle_is_reset_if_gravity_disagrees_in_three_consecutive_windows(
             wheel.spin_tracker.is_observed = True
             for _ in range(2):
                 assert reset_misaligned_angle(x, p, wheel, window) == []
-        assert np.array_equal(p, before) and wheel.angle_losses == 0
+        assert np.array_equal(p, before) and wheel.counts.angle_losses == 0
         assert reset_misaligned_angle(x, p, wheel, window) == ([columns[WHEEL_ANGLE]] if is_reset else [])
-        assert wheel.angle_losses == is_reset
+        assert wheel.counts.angle_losses == is_reset
         assert x[columns[WHEEL_ANGLE]] == pytest.approx(angle - sign * deviation * is_reset)
         if is_reset:
             assert p[columns[WHEEL_ANGLE], columns[WHEEL_ANGLE]] == WHEEL_ANGLE.prior**2

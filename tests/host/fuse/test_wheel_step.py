@@ -26,7 +26,9 @@ def test_the_mean_turned_angle_of_both_wheels_is_the_distance_driven() -> None:
     """The difference of the wheels on a loop cancels in their mean; radii deviate from the declared ones."""
     drive = short_loop(21)
     wheels = _core_after_drive(drive).wheels
-    distances = drive.radius * np.mean([[wheel.turned_angle, wheel.net_angle] for wheel in wheels], axis=0)
+    distances = drive.radius * np.mean(
+        [[it.counts.turned_angle, it.counts.net_angle] for it in wheels], axis=0
+    )
     assert distances == pytest.approx([drive.length, drive.length], rel=0.02)
 
 

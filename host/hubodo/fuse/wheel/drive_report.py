@@ -118,9 +118,10 @@ def build_report(
     nodes = {wheel.name: _quantities(wheel_filter, wheel, WHEEL_ENTRIES) for wheel in wheels}
     counts = {
         wheel.name: {
-            "windows_slipping": wheel.outlier_windows + wheel_filter.core.slip_schedule.count_windows(index),
-            "windows_clipped": wheel.clipped_windows,
-            "windows_unheard": wheel.missing_windows,
+            "windows_slipping": wheel.counts.outlier_windows
+            + wheel_filter.core.slip_schedule.count_windows(index),
+            "windows_clipped": wheel.counts.clipped_windows,
+            "windows_unheard": wheel.counts.missing_windows,
             "samples_refused": wheel_filter.rejected_samples[wheel.name],
         }
         for index, wheel in enumerate(wheels)
@@ -217,51 +218,53 @@ def _track_width_warnings(wheel_filter: WheelFilter) -> list[str]:
 
 
 def _wheel_warnings(wheel: Wheel, windows: int, outage_windows: int, n_rejected: int) -> list[str]:
-    duration = windows * WINDOW_S
-    if wheel.missing_windows >= windows:
+    duration, counts = windows * WINDOW_S, wheel.counts
+    if counts.missing_windows >= windows:
         return [f"{wheel.name}: no samples; the track comes from the other wheel alone"]
     wheel_lines = []
-    if wheel.missing_windows - outage_windows > 5:
-        missing_time = wheel.missing_windows * WINDOW_S
+    if counts.missing_windows - outage_windows > 5:
+        missing_time = counts.missing_windows * WINDOW_S
         wheel_lines.append(f"not heard for {missing_time:.1f} s of {duration:.1f} s; sigmas grow there")
-    if wheel.angle_losses:
+    if counts.angle_losses:
         wheel_lines.append(
-            f"the wheel angle was lost over a gap and reinitialised ({wheel.angle_losses} times): "
+            f"the wheel angle was lost over a gap and reinitialised ({counts.angle_losses} times): "
             "its clock jumped, or it turned on while it was not heard"
         )
     if n_rejected:
         wheel_lines.append(
             f"{n_rejected} samples left out because their time went back, or jumped ahead for one of them"
         )
-    if wheel.turned_angle < _FULL_TURN:
-        turns = wheel.turned_angle / _FULL_TURN
+    if counts.turned_angle < _FULL_TURN:
+        turns = counts.turned_angle / _FULL_TURN
         wheel_lines.append(f"the wheel turned only {turns:.2f} times; scale, tilt and lever arm stay unknown")
     elif rolled_mostly_backwards(wheel):
         wheel_lines.append(
             "rolled backwards nearly all the way; if the vehicle drove forwards, the node faces the other "
             "way: change its facing"
         )
-    if wheel.upright_count >= 50 and wheel.upright_sum < 0.5 * wheel.upright_count:
+    if counts.upright_count >= 50 and counts.upright_sum < 0.5 * counts.upright_count:
         wheel_lines.append(
             "gravity does not turn with gz; an axis is mirrored, or the node is not on the wheel"
         )
-    if wheel.clipped_windows:
-        clipped_time = wheel.clipped_windows * WINDOW_S
+    if counts.clipped_windows:
+        clipped_time = counts.clipped_windows * WINDOW_S
         wheel_lines.append(
             f"gz at its limit for {clipped_time:.1f} s; spin there is from gravity and centripetal force"
         )
-    if wheel.blind_windows > WINDOWS_PER_SECOND:
+    if counts.blind_windows > WINDOWS_PER_SECOND:
         wheel_lines.append(
             "gz and the accelerometers across the axle at their limits together for "
-            f"{wheel.blind_windows * WINDOW_S:.1f} s: nothing measures the spin there; mount the node nearer "
-            "to the axle, or with its x or y axis pointing to the axle, or use wider ranges"
+            f"{counts.blind_windows * WINDOW_S:.1f} s: nothing measures the spin there; mount the node "
+            "nearer to the axle, or with its x or y axis pointing to the axle, or use wider ranges"
         )
-    if wheel.outlier_windows > max(5, 0.05 * windows):
-        outlier_time = wheel.outlier_windows * WINDOW_S
+    if counts.outlier_windows > max(5, 0.05 * windows):
+        outlier_time = counts.outlier_windows * WINDOW_S
         wheel_lines.append(f"disagreed with the other wheel for {outlier_time:.1f} s and lost weight: slip?")
     return [f"{wheel.name}: {line}" for line in wheel_lines]
 
 
 def rolled_mostly_backwards(wheel: Wheel) -> bool:
     """Return True if a wheel rolled backwards on nearly the whole path, as with a wrong facing."""
-    return wheel.turned_angle >= _FULL_TURN and wheel.net_angle < -0.8 * wheel.turned_angle
+    return (
+        wheel.counts.turned_angle >= _FULL_TURN and wheel.counts.net_angle < -0.8 * wheel.counts.turned_angle
+    )

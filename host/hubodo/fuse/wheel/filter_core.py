@@ -105,7 +105,7 @@ class FilterCore(OutageProcessor):
             has_pause = any(
                 a[index] is not EMPTY_WINDOW and b[index] is EMPTY_WINDOW for a, b in pairwise(windows)
             )
-            if wheel.alignment_count > 0 and wheel.gravity_sum != 0j and not has_pause:
+            if wheel.alignment.is_ready(1) and not has_pause:
                 wheel.initialise_angle(self.x, self.p, at_start=True)
                 self._update_with_fixed_terms(wheel)
         self._initialise_speed(windows)
@@ -197,8 +197,7 @@ class FilterCore(OutageProcessor):
     def _realign(self, windows: WheelWindows, alignment_windows: int) -> None:
         """Initialise unknown wheel angles once enough windows of gravity are gathered."""
         for wheel, window in windows:
-            is_ready = wheel.alignment_count >= alignment_windows and wheel.gravity_sum != 0j
-            if not wheel.angle_initialised and is_ready:
+            if not wheel.angle_initialised and wheel.alignment.is_ready(alignment_windows):
                 columns = wheel.initialise_angle(self.x, self.p, at_start=False)
                 if columns:
                     self.apply(StateReset(columns))
@@ -228,6 +227,7 @@ class FilterCore(OutageProcessor):
     def _count_windows(self, windows: WheelWindows, result: UpdateResult) -> None:
         """Update the counts of the wheels."""
         if result.outlier_wheel is not None:
-            self.wheels[result.outlier_wheel].outlier_windows += 1
+            self.wheels[result.outlier_wheel].counts.outlier_windows += 1
         for (wheel, window), rate in zip(windows, result.rolling_rates, strict=True):
-            wheel.count_window(window, rate, self.x[wheel.columns[WHEEL_ANGLE]])
+            angle = self.x[wheel.columns[WHEEL_ANGLE]] if wheel.angle_initialised else None
+            wheel.counts.add_window(window, rate, angle)

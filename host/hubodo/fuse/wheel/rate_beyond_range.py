@@ -20,10 +20,11 @@ from hubodo.fuse.wheel.entries import (
     X,
     Y,
 )
+from hubodo.fuse.wheel.gravity_alignment import MAX_ANGLE_ERROR
 from hubodo.fuse.wheel.measurements.steady import GRAVITY_SPEED_SIGMA, ONE_AXIS_SPEED_SIGMA
 from hubodo.fuse.wheel.spin_search import MAX_RATE_BEYOND, rederotate_window
 from hubodo.fuse.wheel.thresholds import BUMP_WINDOWS, HARD_ACCELERATION, MIN_ARM_LENGTH, SETTLING_WINDOWS
-from hubodo.fuse.wheel.wheel import MAX_ANGLE_ERROR, Wheel, reset_state
+from hubodo.fuse.wheel.wheel import Wheel, reset_state
 from hubodo.fuse.wheel.window import WINDOW_S, Window
 
 _MAX_BLIND_VARIANCE = MAX_RATE_BEYOND**2 / 12.0
@@ -78,7 +79,7 @@ def derotate_window(x: list[float], p: Array, wheel: Wheel, window: Window) -> t
     is_unobserved = wheel.slip_detector.is_slipping and (is_blind or not was_tracking)
     is_unobserved |= is_blind and tracker.unobserved_windows > _MAX_BLIND_WINDOWS
     if wheel.angle_initialised and (is_unobserved or angle_variance > MAX_ANGLE_ERROR**2):
-        wheel.angle_losses += 1
+        wheel.counts.angle_losses += 1
         wheel.drop_angle()
     window = window._replace(
         gravity_angle=tracker.gravity_angle, blind_windows=tracker.unobserved_windows if is_blind else 0
@@ -133,7 +134,7 @@ def reset_misaligned_angle(x: list[float], p: Array, wheel: Wheel, window: Windo
     wheel.misaligned_windows = wheel.misaligned_windows + 1 if is_misaligned else 0
     if wheel.misaligned_windows < BUMP_WINDOWS:
         return []
-    wheel.misaligned_windows, wheel.angle_losses = 0, wheel.angle_losses + 1
+    wheel.misaligned_windows, wheel.counts.angle_losses = 0, wheel.counts.angle_losses + 1
     x[columns[WHEEL_ANGLE]] -= phase
     reset_state(p, columns[WHEEL_ANGLE], WHEEL_ANGLE.prior**2)
     course, turn = x[columns[HEADING]], 2.0 * math.pi * wheel.geometry.radius

@@ -159,7 +159,7 @@ def _rerun_without_clock_jump(
     In that case the node's clock jumped by an unknown amount. Returns None if the wheels still agree, as
     after lost samples.
     """
-    outlier_windows = sum(wheel.outlier_windows for wheel in wheel_filter.core.wheels)
+    outlier_windows = sum(wheel.counts.outlier_windows for wheel in wheel_filter.core.wheels)
     gaps = find_own_gaps([nodes[name] for name in wheel_filter.config.nodes if name in nodes])
     is_contradicted = wheel_filter.core.mounting_check.usable_side != 0.0
     if (
@@ -173,7 +173,7 @@ def _rerun_without_clock_jump(
     table = nodes[name]
     before = Table({key: column[table.t <= t] for key, column in table.columns.items()})
     result = rerun({**nodes, name: before})
-    outliers_before = sum(wheel.outlier_windows for wheel in result.filter.core.wheels)
+    outliers_before = sum(wheel.counts.outlier_windows for wheel in result.filter.core.wheels)
     is_resolved = is_contradicted and result.filter.core.mounting_check.usable_side == 0.0
     if outlier_windows - outliers_before < _CLOCK_JUMP_WINDOWS + outliers_before and not is_resolved:
         return None

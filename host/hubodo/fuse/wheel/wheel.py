@@ -1,4 +1,4 @@
-"""One wheel of the filter: its columns in the state, its detectors, its angle and its counts."""
+"""One wheel of the filter: its columns in the state, its detectors and its angle."""
 
 from __future__ import annotations
 
@@ -21,30 +21,23 @@ from hubodo.fuse.wheel.entries import (
     WHEEL_ANGLE,
     Entry,
 )
+from hubodo.fuse.wheel.gravity_alignment import GravityAlignment, GravityGapCheck
 from hubodo.fuse.wheel.measurements import LinearisedWindow, WheelGeometry
 from hubodo.fuse.wheel.measurements.steady import GRAVITY_SPEED_SIGMA, NodeFixedTerms
 from hubodo.fuse.wheel.motion_state import StandstillDetector
 from hubodo.fuse.wheel.slip_detector import SlipDetector
 from hubodo.fuse.wheel.spin_search import SpinTracker, find_spin
 from hubodo.fuse.wheel.thresholds import (
-    BUMP_WINDOWS,
-    GATE_SIGMA,
     MAX_MISSING_SHARE,
-    MAX_UNCONFIRMED_WINDOWS,
-    MIN_ROLLING_RATE,
     SETTLING_WINDOWS,
 )
+from hubodo.fuse.wheel.wheel_counts import WheelCounts
 from hubodo.fuse.wheel.wheel_mode import WheelMode, select_mode
 from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, Window
 
 _MIN_IN_RANGE_WINDOWS = SETTLING_WINDOWS
 """Newest windows from which the angle is initialised if their gyro is in range: half a second, in which a
 wheel at the range of a usual gyro turns twice. Older windows are then not used."""
-
-MAX_ANGLE_ERROR = GATE_SIGMA * WHEEL_ANGLE.prior
-"""rad; a wheel angle is unknown beyond it, as change of the direction of gravity or as sigma: the prior is
-the tilt by hard braking."""
-
 
 MAX_WHEEL_SKEW_WINDOWS = SETTLING_WINDOWS
 """Windows by which an outage of both wheels may begin earlier, or end later, for one of them, as cables and
@@ -66,14 +59,8 @@ class Wheel:
     misaligned_windows : consecutive windows with gravity elsewhere, see `rate_beyond_range.py`.
     arm_variances : m², of the lever arm before a gyro clipped, see `rate_beyond_range.py`.
     fixed_terms : node-fixed terms of a spin search, to be processed.
-    alignment_count, gravity_sum : windows and derotated force gathered for the angle.
-    alignment_start_angle, alignment_end_angle : rad, carrier angle at the start and end of the gathering.
-    turned_angle, net_angle : rad by which the wheel turned: sum of magnitudes, and net.
-    upright_sum, upright_count : sum over windows of the force that points up, in units of g, and their
-        number.
-    outlier_windows, clipped_windows, missing_windows, angle_losses : counts.
-    blind_windows : count of windows in which the gyro about the axle is saturated and the accelerometers
-        across it are, too, so that no axis shows gravity.
+    alignment : gravity gathered for the wheel angle.
+    counts : for the report.
     """
 
     name: str
@@ -91,23 +78,9 @@ class Wheel:
     misaligned_windows: int = 0
     fixed_terms: NodeFixedTerms | None = None
     arm_variances: tuple[float, float] | None = None
-    alignment_count: int = 0
-    gravity_sum: complex = 0j
-    alignment_start_angle: float = 0.0
-    alignment_end_angle: float = 0.0
-    turned_angle: float = 0.0
-    net_angle: float = 0.0
-    upright_sum: float = 0.0
-    upright_count: int = 0
-    outlier_windows: int = 0
-    clipped_windows: int = 0
-    blind_windows: int = 0
-    missing_windows: int = 0
-    angle_losses: int = 0
-    _gathered: list[Window] = field(default_factory=list)
-    _gravity_before_gap: complex = 0j
-    _gravity_after_gap: complex = 0j
-    _n_after_gap: int | None = None
+    alignment: GravityAlignment = field(default_factory=GravityAlignment)
+    counts: WheelCounts = field(default_factory=WheelCounts)
+    _gap_check: GravityGapCheck = field(default_factory=GravityGapCheck)
     _late_windows: int = 0
 
     def mode(self, window: Window) -> WheelMode:
@@ -119,54 +92,32 @@ class Wheel:
         self.geometry = replace(self.geometry, contact_y=-self.geometry.contact_y)
         self.view = LinearisedWindow(self.geometry, self.columns)
 
-    def count_window(self, window: Window, rate: float, angle: float) -> None:
-        """Update the counts for the report.
-
-        rate: rad/s, rolling rate; angle: rad, at the start of the window.
-        """
-        self.turned_angle += abs(rate) * WINDOW_S
-        self.net_angle += rate * WINDOW_S
-        self.clipped_windows += window.spin_clipped > 0.0
-        self.blind_windows += window.blind_windows > 0
-        if (
-            self.upright_count < MAX_UNCONFIRMED_WINDOWS
-            and abs(rate) > MIN_ROLLING_RATE
-            and self.angle_initialised
-            and window.force_clipped == 0.0
-        ):
-            rotation = cmath.exp(1j * (angle + 0.5 * rate * WINDOW_S))
-            self.upright_sum += (window.force * rotation).real / (STANDARD_GRAVITY * WINDOW_S)
-            self.upright_count += 1
-
     def gather_gravity(self, window: Window) -> None:
         """Sum gravity, derotated by the spin, until the wheel angle can be initialised from it."""
         if window is EMPTY_WINDOW and self._late_windows > 0:
             # The angle at the end of the outage is known; samples of this wheel arrive a little later than
             # the others.
             self._late_windows -= 1
-            self.missing_windows += 1
+            self.counts.missing_windows += 1
             return
         self._late_windows = 0
         if window is EMPTY_WINDOW:
             self.mark_missing(1)
             return
         if window.missing > MAX_MISSING_SHARE:
-            self.missing_windows += 1
-            self._gravity_after_gap, self._n_after_gap = 0j, 0
+            self.counts.missing_windows += 1
+            self._gap_check.start_gap()
             return
         if self.angle_initialised:
-            self._check_gravity(window)
+            if self._gap_check.has_jumped(window):
+                self.counts.angle_losses += 1
+                self.drop_angle()
             return
-        if self.alignment_count == 0:
-            self.alignment_start_angle = window.clock_angle - 0.5 * window.spin
-        self.alignment_count += 1
-        self._gathered.append(window)
-        self.gravity_sum += window.force * cmath.exp(1j * window.clock_angle)
-        self.alignment_end_angle = window.clock_angle + 0.5 * window.spin
+        self.alignment.add(window)
 
     def mark_missing(self, windows: int) -> None:
         """Count windows without samples that no interpolation bridges; the wheel angle is lost."""
-        self.missing_windows += windows
+        self.counts.missing_windows += windows
         self.spin_tracker.pause()
         self.drop_angle()
 
@@ -176,38 +127,11 @@ class Wheel:
         self.angle_initialised = True
         self._late_windows = MAX_WHEEL_SKEW_WINDOWS
 
-    def _check_gravity(self, window: Window) -> None:
-        """Drop the angle if gravity points elsewhere after a gap.
-
-        In that case the clock jumped, or the interpolation across the gap missed a turn of the wheel.
-        """
-        if window.spin_clipped > 0.0 or window.force_clipped > 0.0:
-            # The carrier does not follow gravity, or the accelerometer clips gravity.
-            self._n_after_gap, self._gravity_before_gap = None, 0j
-            return
-        gravity = window.force * cmath.exp(1j * window.clock_angle)
-        if self._n_after_gap is None or self._gravity_before_gap == 0j:
-            self._n_after_gap = None
-            # Exponential smoothing.
-            weight = 1.0 / SETTLING_WINDOWS
-            memory = (1.0 - weight) * self._gravity_before_gap
-            self._gravity_before_gap = memory + weight * gravity
-            return
-        self._gravity_after_gap, self._n_after_gap = self._gravity_after_gap + gravity, self._n_after_gap + 1
-        if self._n_after_gap < BUMP_WINDOWS:
-            return
-        jump = abs(cmath.phase(self._gravity_after_gap * self._gravity_before_gap.conjugate()))
-        self._gravity_before_gap, self._n_after_gap = self._gravity_after_gap / BUMP_WINDOWS, None
-        if jump > MAX_ANGLE_ERROR:
-            self.angle_losses += 1
-            self.drop_angle()
-
     def drop_angle(self) -> None:
         """Discard the wheel angle and start gathering gravity again."""
-        self.angle_initialised, self.alignment_count = False, 0
-        self.gravity_sum = 0j
-        self._gravity_before_gap, self._n_after_gap = 0j, None
-        self._gathered = []
+        self.angle_initialised = False
+        self.alignment.clear()
+        self._gap_check.clear()
 
     def _sum_gravity(self, x: list[float], windows: Sequence[Window]) -> complex:
         """Return the derotated force of windows less bias and lever arm, m/s.
@@ -233,8 +157,7 @@ class Wheel:
         A force e^(-iθ) rotated by e^(ic) points along e^(-i(θ - c)). at_start: the angle at the start of
         gathering, else at its end. No columns if gravity was not found; gathering then starts again.
         """
-        columns, gathered = self.columns, self._gathered
-        self._gathered = []
+        columns, gathered = self.columns, self.alignment.take_windows()
         in_range = list(itertools.takewhile(lambda window: window.spin_clipped == 0.0, reversed(gathered)))
         if not at_start and len(in_range) >= _MIN_IN_RANGE_WINDOWS:
             # The spin search assumes a constant change of the rate beyond range, which ends at the range.
@@ -245,14 +168,14 @@ class Wheel:
                 self.drop_angle()
                 return []
             angle = spin.start_angle if at_start else spin.end_angle
-            vertical = self.alignment_count * STANDARD_GRAVITY * WINDOW_S
+            vertical = self.alignment.count * STANDARD_GRAVITY * WINDOW_S
             x[columns[RATE_BEYOND_RANGE]] = spin.excess if at_start else spin.excess_end
             self.spin_tracker.initialise(x[columns[RATE_BEYOND_RANGE]], 0.0)
             self.fixed_terms = spin.fixed_terms
             reset_state(p, columns[RATE_BEYOND_RANGE], (GRAVITY_SPEED_SIGMA / self.geometry.radius) ** 2)
             reset_columns = [columns[WHEEL_ANGLE], columns[RATE_BEYOND_RANGE]]
         else:
-            carrier = self.alignment_start_angle if at_start else self.alignment_end_angle
+            carrier = self.alignment.start_angle if at_start else self.alignment.end_angle
             gravity = self._sum_gravity(x, gathered)
             angle, vertical = -cmath.phase(gravity) + carrier, abs(gravity)
             reset_columns = [columns[WHEEL_ANGLE]]
