@@ -251,8 +251,8 @@ class FakeNode:
     def _put(self, message: Message, index: int = -1, count: int = 0) -> None:
         wire = encode_frame(Frame(message.type_id, self.node_id, self._seq(type(message)), encode(message)))
         on_line = bytearray(wire)
-        for at in range(len(on_line)):
-            if self.damage and self.rng.random() < self.damage:
+        for at in range(len(on_line) if self.damage else 0):
+            if self.rng.random() < self.damage:
                 on_line[at] ^= self.rng.randrange(1, 256)
         if self._master < 0:
             return
