@@ -17,7 +17,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from imu_records import coverage, rms
 
-from generators.rate_table import Axis, turn_table
+from generators.odd_records import missing_codes
+from generators.rate_table import Axis, slip, turn_table
 from hubodo.errors import HubodoError
 from hubodo.sensors.rate_table.calibrate import RateOptions, calibrate_rate
 from script_arguments import script_parser
@@ -34,11 +35,20 @@ CASES = {
     "output step 0.07 deg/s": replace(BASE, step=1.2e-3),
     "output step 1 deg/s": replace(BASE, step=1.7e-2),
 }
+CHANGES = {
+    "uneven and missing codes": lambda rng, t, reading, _: missing_codes(t, reading[:, None], None, rng, 0)[
+        1
+    ][:, 0],
+    "3 of 33 plateaus slip by up to 1 %": lambda *record: slip(*record, 3),
+    "10 of 33 plateaus slip by up to 1 %": lambda *record: slip(*record, 10),
+}
 
 
-def run_trial(axis, rng, from_list):
+def run_trial(axis, rng, from_list, change=None):
     """Return pulls by figure, and error of the scale with that of polyfit and its sigma."""
     t, gyro, table = turn_table(rng, axis)
+    if change is not None:
+        gyro = change(rng, t, gyro, table)
     options = RateOptions(rates=table[:, 1]) if from_list else RateOptions(table=(table[:, 0], table[:, 1]))
     result = calibrate_rate(t, gyro, "imu", "z", options)
     fit, rates = result.fit, result.fit.rates
@@ -66,14 +76,18 @@ def main():
     print(
         f"{'':34s} {''.join(f'{name:>22s}' for name in names)} {'scale':>7s} {'plain':>7s} {'nonlinear':>10s}"
     )
-    for case, axis in CASES.items():
+    for case, axis in (CASES | dict.fromkeys(CHANGES, BASE)).items():
         rows, refused = [], 0
         for seed in seeds:
             try:
-                rows.append(run_trial(axis, np.random.default_rng([seed, 34]), seed % 2 == 0))
+                rows.append(
+                    run_trial(axis, np.random.default_rng([seed, 34]), seed % 2 == 0, CHANGES.get(case))
+                )
             except HubodoError as error:
-                refused += 1
-                print(error)
+                refused, reason = refused + 1, str(error)
+        if not rows:
+            print(f"{case:34s} refused {refused}: {reason}", flush=True)
+            continue
         cells = "".join(f"{coverage(np.concatenate([row[0][name] for row in rows])):>22s}" for name in names)
         errors = [1e6 * rms([row[k] for row in rows]) for k in (1, 2)]
         nonlinear = sum(row[4] for row in rows)

@@ -53,3 +53,12 @@ def turn_table(rng, axis, steps_deg_s=STEPS_DEG_S, seconds=20.0, rate_hz=50.0, a
     if axis.step:
         reading = axis.step * np.round(reading / axis.step)
     return t, reading, np.array(table)
+
+
+def slip(rng, t, reading, table, count, largest=0.01):
+    """Return the readings with `count` plateaus on which the table turned slower by up to `largest`."""
+    reading, ends = reading.copy(), np.append(table[1:, 0], t[-1] + 1.0)
+    for k in rng.choice(np.flatnonzero(table[:, 1]), count, replace=False):
+        rows = (t >= table[k, 0]) & (t < ends[k])
+        reading[rows] -= table[k, 1] * largest * rng.uniform(0.3, 1.0)
+    return reading

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from generators.rate_table import Axis, turn_table
+from generators.odd_records import missing_codes
+from generators.rate_table import Axis, slip, turn_table
 from hubodo.calibration.file import read_calibration
 from hubodo.cli import main
 from hubodo.errors import CalibrationError, InputError
@@ -75,6 +76,32 @@ def test_a_disturbed_plateau_is_named_and_left_out():
     result = calibrate_rate(t, gyro, "imu", "z", RateOptions(table=(table[:, 0], table[:, 1])))
     assert len(result.plateaus.rate) == 32
     assert result.notes[0].startswith("plateau of 150 deg/s") and "disturbed" in result.notes[0]
+
+
+def turn(seed, count=0, codes=False):
+    """Calibrate a linear gyro with this number of slipped plateaus, or with uneven codes."""
+    rng = np.random.default_rng(seed)
+    t, gyro, table = turn_table(rng, Axis(scale=0.004), seconds=8.0)
+    gyro = slip(rng, t, gyro, table, count)
+    if codes:
+        gyro = missing_codes(t, gyro[:, None], None, rng, 0.0)[1][:, 0]
+    return calibrate_rate(t, gyro, "imu", "z", RateOptions(table=(table[:, 0], table[:, 1])))
+
+
+def test_a_slipping_table_is_named_or_refused():
+    result = turn(1, count=1)
+    assert "from the others of this rate, as if the table had slipped" in result.notes[0]
+    assert len(result.plateaus.rate) == 32
+    assert abs(result.fit.scale_error.value - 0.004) < 4 * result.fit.scale_error.sigma < 4e-5
+    with pytest.raises(CalibrationError, match=r"times their noise, .* the table slips"):
+        turn(1, count=10)
+
+
+def test_uneven_codes_are_part_of_the_sigma_of_each_rate():
+    even, uneven = turn(2), turn(2, codes=True)
+    assert "the codes of the gyro's converter are uneven by" in uneven.notes[0]
+    assert uneven.fit.scale_error.sigma > 2 * even.fit.scale_error.sigma
+    assert abs(uneven.fit.scale_error.value - 0.004) < 4 * uneven.fit.scale_error.sigma
 
 
 def test_the_verb_adds_bias_and_scale_to_the_other_axes_of_the_file(tmp_path, capsys):

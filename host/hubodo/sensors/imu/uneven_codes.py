@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -65,34 +66,43 @@ def uneven_code_sigma(gyro: Array, standstills: Standstills, notes: list[str]) -
 def widen_accelerometers(accel: Array, standstills: Standstills) -> Standstills:
     """Return the standstills with the error of uneven or missing codes in the sigmas of the accelerometers.
 
-    accel: (N, 3) m/s². Each pose uses other codes, so that the error of its mean is independent. In each, the
-    counts of its codes are compared with those of even codes and normal noise; all poses are pooled.
+    accel: (N, 3) m/s². Each pose uses other codes, so that the error of its mean is independent.
     """
-    steps = find_quantisation_steps(accel)
-    scatter, misfit, total_dof, excess, squares = np.zeros(3), 0.0, 0, 0.0, 0.0
+    spans = list(zip(standstills.start.tolist(), standstills.end.tolist(), strict=True))
+    uneven, unevenness, step = uneven_mean_sigma(accel, spans)
+    if not unevenness:
+        return standstills
+    note = (
+        f"the codes of the accelerometers' converter are uneven by {unevenness:.0%} (1σ; steps of "
+        f"{step:.3g} m/s²): the sigmas include it"
+    )
+    sigma = np.hypot(standstills.accel_sigma, uneven)
+    return replace(standstills, accel_sigma=sigma, rejected=(*standstills.rejected, note))
+
+
+def uneven_mean_sigma(values: Array, spans: Sequence[tuple[int, int]]) -> tuple[Array, float, float]:
+    """Return the errors (1σ) of a mean over uneven codes, (C,), their unevenness, and the largest step.
+
+    values: (N, C). spans: those of constant values, whose counts of codes are compared with those of even
+    codes and normal noise. Errors and unevenness are 0 where chance explains the counts.
+    """
+    steps = find_quantisation_steps(values)
+    scatter, misfit, total_dof, excess, squares = np.zeros(len(steps)), 0.0, 0, 0.0, 0.0
     for k in np.flatnonzero(steps):
-        spans = zip(standstills.start, standstills.end, strict=True)
-        poses = [np.rint(accel[i:j, k] / steps[k]) for i, j in spans if j > i + 1]
-        scatter[k] = _white_scatter(poses)
+        parts = [np.rint(values[i:j, k] / steps[k]) for i, j in spans if j > i + 1]
+        scatter[k] = _white_scatter(parts)
         if not _SCATTER_RANGE[0] <= scatter[k] <= _SCATTER_RANGE[1]:
             continue
-        for pose in poses:
-            difference, expected = _code_counts(pose, float(scatter[k]))
+        for part in parts:
+            difference, expected = _code_counts(part, float(scatter[k]))
             misfit += float((difference**2 / expected).sum())
             total_dof += len(expected)
             excess += float((difference**2 - expected).sum())
             squares += float((expected**2).sum())
-    if total_dof == 0 or chdtrc(total_dof, misfit) > _MAX_CHANCE:
-        return standstills
-    unevenness = math.sqrt(max(0.0, excess / squares))
-    if unevenness < _MIN_UNEVENNESS:
-        return standstills
-    sigma = np.hypot(standstills.accel_sigma, _sigma_of_means(steps, scatter, unevenness))
-    note = (
-        f"the codes of the accelerometers' converter are uneven by {unevenness:.0%} (1σ; steps of "
-        f"{float(steps.max()):.3g} m/s²): the sigmas include it"
-    )
-    return replace(standstills, accel_sigma=sigma, rejected=(*standstills.rejected, note))
+    unevenness = math.sqrt(max(0.0, excess / squares)) if squares else 0.0
+    if unevenness < _MIN_UNEVENNESS or chdtrc(total_dof, misfit) > _MAX_CHANCE:
+        return np.zeros(len(steps)), 0.0, 0.0
+    return _sigma_of_means(steps, scatter, unevenness), unevenness, float(steps.max())
 
 
 def _white_scatter(poses: list[Array]) -> float:
@@ -101,7 +111,7 @@ def _white_scatter(poses: list[Array]) -> float:
 
 
 def _sigma_of_means(steps: Array, scatter: Array, unevenness: float) -> Array:
-    """Return the (3,) errors (1σ) of a mean over few codes whose widths are uneven.
+    """Return the (C,) errors (1σ) of a mean over few codes whose widths are uneven.
 
     A width is the difference of two edges. The errors e of independent edges move the mean by the sum of e
     times the density there: rms e sqrt(1 / (2 sqrt(pi) s)) for normal noise of s steps.

@@ -24,12 +24,16 @@ from hubodo.arrays import Array
 from hubodo.calibration.file import Quantity
 from hubodo.errors import CalibrationError, InputError
 from hubodo.sensors.north.drift import random_walk_covariance
-from hubodo.sensors.rate_table.plateaus import SAME_RATE, Plateaus
+from hubodo.sensors.rate_table.plateaus import Plateaus, distinct_rates
 
 _MIN_RATES = 4
 _MIN_DOF = 3
 _MAX_CHANCE = 0.01
 _MAX_COLUMN_CONDITION = 1e4
+_MAX_NOISE_FACTOR, _MAX_MISFIT = 10.0, 5e-4
+"""Misfit of repeated rates, in units of their noise and of the largest rate, above which the rates are not
+those of the table.
+"""
 _SLOPE_RANGE = (0.5, 2.0)
 _WALK_RATIOS = (0.0, *np.logspace(-1, 7, 49))
 """Variance of the bias walk at the end of the record, relative to that of the mean of a plateau."""
@@ -64,13 +68,16 @@ class RateTableFit:
 
 def fit_rate_table(plateaus: Plateaus) -> RateTableFit:
     """Return the figures of the plateaus. Raises CalibrationError if their rates do not suffice."""
-    rates, cell = _distinct_rates(plateaus.rate)
+    rates, cell = distinct_rates(plateaus.rate)
     if len(rates) < _MIN_RATES or rates[0] >= 0.0 or rates[-1] <= 0.0:
         raise CalibrationError(
             f"the table turned at {len(rates)} rates, {np.degrees(rates[0]):.4g} to "
             f"{np.degrees(rates[-1]):.4g} deg/s; {_MIN_RATES} or more are needed, in both directions"
         )
     means, covariance, others, factor = _fit_cells(plateaus, cell, len(rates))
+    _check_repetition(factor, plateaus)
+    # The plateaus of one rate use the same codes, so their mean has the error of one.
+    covariance = covariance + plateaus.uneven**2 * np.eye(len(rates))
     line = np.linalg.pinv(np.column_stack([np.ones(len(rates)), rates]))
     _check_slope(float(line[1] @ means))
     residual = np.eye(len(rates)) - np.column_stack([np.ones(len(rates)), rates]) @ line
@@ -92,15 +99,6 @@ def fit_rate_table(plateaus: Plateaus) -> RateTableFit:
         float(chdtrc(len(rates) - 2, chi2)),
         factor,
     )
-
-
-def _distinct_rates(rate: Array) -> tuple[Array, NDArray[np.int64]]:
-    """Return the (J,) distinct rates, ascending, and the index of each plateau's."""
-    order = np.argsort(rate)
-    jumps = np.diff(rate[order]) > SAME_RATE * float(np.abs(rate).max())
-    group: NDArray[np.int64] = np.empty(len(rate), np.int64)
-    group[order] = np.concatenate([[0], np.cumsum(jumps)])
-    return np.array([rate[group == j].mean() for j in range(group.max() + 1)]), group
 
 
 def _fit_cells(
@@ -174,6 +172,17 @@ def _asymmetry(rates: Array, means: Array, covariance: Array) -> Quantity | None
 
 def _functional(row: Array, means: Array, covariance: Array, offset: float = 0.0) -> Quantity:
     return Quantity(float(row @ means) + offset, float(np.sqrt(row @ covariance @ row)))
+
+
+def _check_repetition(factor: float, plateaus: Plateaus) -> None:
+    """Raise CalibrationError if the readings of one rate contradict each other and no walk explains it."""
+    misfit = factor * float(np.median(plateaus.sigma))
+    largest = float(np.abs(plateaus.rate).max())
+    if factor > _MAX_NOISE_FACTOR and misfit > _MAX_MISFIT * largest:
+        raise CalibrationError(
+            f"readings at the same rate differ by {np.degrees(misfit):.3g} deg/s (1σ), {factor:.0f} times "
+            "their noise, and not as a bias that drifts: the table slips, or its rates are not those listed"
+        )
 
 
 def _check_slope(slope: float) -> None:

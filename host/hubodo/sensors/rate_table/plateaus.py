@@ -6,10 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.errors import CalibrationError, InputError
 from hubodo.sensors.imu.standstills import find_quiet_segments, mean_sigma
+from hubodo.sensors.imu.uneven_codes import uneven_mean_sigma
 
 SAME_RATE = 1e-3
 """Difference of two rates, relative to the largest, up to which they are one."""
@@ -17,6 +19,10 @@ _MIN_PLATEAU_SAMPLES = 20
 _MAX_CHANGE_NOISE, _MAX_CHANGE_SHARE = 10.0, 0.01
 """Scatter of the typical plateau, in white noise and as a share of the steps of rate, above which it is no
 plateau of the gyro.
+"""
+_MIN_REPEATED, _MAX_DEVIATION, _MAX_SLIPPED_SHARE = 3, 10.0, 0.2
+"""Plateaus of one rate that show which of them is off, its deviation in units of the usual one, and the share
+of plateaus that may be left out.
 """
 _MAX_SPREAD = 4.0
 """Scatter of the samples relative to the median plateau, beyond which a plateau was disturbed."""
@@ -31,6 +37,7 @@ class Plateaus:
         rate: (K,) of the table, rad/s.
         reading: (K,) mean of the gyro, rad/s.
         sigma: (K,) standard error of the mean.
+        uneven: error (1σ) of the reading of one rate by uneven or missing codes, rad/s.
         notes: one line for each plateau that was left out.
     """
 
@@ -40,6 +47,7 @@ class Plateaus:
     reading: Array
     sigma: Array
     notes: tuple[str, ...] = ()
+    uneven: float = 0.0
 
 
 def plateaus_from_table(t: Array, gyro: Array, table_t: Array, table_rate: Array, settle: float) -> Plateaus:
@@ -98,14 +106,54 @@ def _evaluate(t: Array, gyro: Array, spans: Array, rates: Array, settle: float) 
     root_count = np.sqrt([j - i for i, j in pairs])
     # One noise for all: a plateau that happens to be calm is not more precise than others.
     scatter_of_one = mean_sigma(gyro[:, None], pairs, max(4, round(0.5 / step)))[:, 0] * root_count
-    return Plateaus(
-        np.array([t[i:j].mean() for i, j in pairs]),
-        np.array([t[j - 1] - t[i] for i, j in pairs]),
-        rates[calm],
-        np.array([gyro[i:j].mean() for i, j in pairs]),
-        float(np.sqrt(np.mean(scatter_of_one**2))) / root_count,
-        notes,
+    uneven, unevenness, code = uneven_mean_sigma(gyro[:, None], pairs)
+    if unevenness:
+        notes += (
+            f"the codes of the gyro's converter are uneven by {unevenness:.0%} (1σ; steps of "
+            f"{np.degrees(code):.3g} deg/s): the sigmas include it, once for each rate",
+        )
+    return _drop_slipped(
+        Plateaus(
+            np.array([t[i:j].mean() for i, j in pairs]),
+            np.array([t[j - 1] - t[i] for i, j in pairs]),
+            rates[calm],
+            np.array([gyro[i:j].mean() for i, j in pairs]),
+            float(np.sqrt(np.mean(scatter_of_one**2))) / root_count,
+            notes,
+            float(uneven[0]),
+        )
     )
+
+
+def _drop_slipped(plateaus: Plateaus) -> Plateaus:
+    """Return the plateaus without the few whose reading contradicts the others of the same rate."""
+    _, cell = distinct_rates(plateaus.rate)
+    off = np.zeros(len(cell))
+    for j in np.flatnonzero(np.bincount(cell) >= _MIN_REPEATED):
+        off[cell == j] = plateaus.reading[cell == j] - np.median(plateaus.reading[cell == j])
+    judged = np.bincount(cell)[cell] >= _MIN_REPEATED
+    if not judged.any():
+        return plateaus
+    usual = np.maximum(1.4826 * float(np.median(np.abs(off[judged]))), plateaus.sigma)
+    slipped = np.abs(off) > _MAX_DEVIATION * usual
+    if not 0 < np.count_nonzero(slipped) <= _MAX_SLIPPED_SHARE * len(cell):
+        return plateaus
+    notes = tuple(
+        f"plateau of {np.degrees(plateaus.rate[k]):.4g} deg/s at {plateaus.t[k]:.1f} s left out: it differs "
+        f"by {np.degrees(off[k]):.3g} deg/s from the others of this rate, as if the table had slipped"
+        for k in np.flatnonzero(slipped)
+    )
+    part = {name: getattr(plateaus, name)[~slipped] for name in ("t", "duration", "rate", "reading", "sigma")}
+    return Plateaus(**part, notes=(*plateaus.notes, *notes), uneven=plateaus.uneven)
+
+
+def distinct_rates(rate: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Return the (J,) distinct rates, ascending, and the index of each plateau's."""
+    order = np.argsort(rate)
+    jumps = np.diff(rate[order]) > SAME_RATE * float(np.abs(rate).max())
+    group: NDArray[np.int64] = np.empty(len(rate), np.int64)
+    group[order] = np.concatenate([[0], np.cumsum(jumps)])
+    return np.array([rate[group == j].mean() for j in range(group.max() + 1)]), group
 
 
 def _check_times(spread: Array, scatter: Array, rates: Array) -> None:
