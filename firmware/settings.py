@@ -66,7 +66,7 @@ DEFAULTS = {
 # (ConfigKey, 0 for settings that only the file sets; name; lowest; highest)
 BOUNDS = (
     (CONFIG_KEY_NODE_ID, "node_id", 1, 254),
-    (CONFIG_KEY_RATE_HZ, "rate_hz", 1, 1660),
+    (CONFIG_KEY_RATE_HZ, "rate_hz", 1, 2000),
     (CONFIG_KEY_GYRO_RANGE_DPS, "gyro_range_dps", 125, 4000),
     (CONFIG_KEY_ACCEL_RANGE_G, "accel_range_g", 2, 24),
     (CONFIG_KEY_BATCH, "batch", 0, 19),

@@ -63,7 +63,7 @@ class ICM42688(Chip):
 
     PART = 0
     # (public value, actual rate in mHz, code)
-    RATES_HZ = (
+    RATES_HZ: tuple = (
         (13, 12500, 11),
         (25, 25000, 10),
         (50, 50000, 9),
@@ -197,3 +197,9 @@ class ICM42688(Chip):
 
 def _signed(value):
     return value - 65536 if value & 0x8000 else value
+
+
+class ICM42688Spi(ICM42688):
+    """Driver of an ICM-42688-P on SPI; on I2C, 2000 Hz leave no time for the rest of the loop."""
+
+    RATES_HZ = ICM42688.RATES_HZ + ((2000, 2000000, 5),)

@@ -8,7 +8,7 @@ _SPI_HZ = const(8000000)
 _READ = const(0x80)
 
 SPI_DRIVERS = (
-    ("drivers.icm42688", "ICM42688", 0, 0x75, (0x47,)),
+    ("drivers.icm42688", "ICM42688Spi", 0, 0x75, (0x47,)),
     ("drivers.bmi270", "BMI270", 1, 0x00, (0x24,)),
 )
 """(module, class, bytes before the first one of a read, WHO_AM_I register, its values)."""

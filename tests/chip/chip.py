@@ -60,6 +60,7 @@ CHIPS = {
     "mpu9250 200": {"rate_hz": 200},
     "bmi088": {"rate_hz": 400},
     "icm42688 spi": {"rate_hz": 1000, "pins": {"imu_csn": 13}},
+    "icm42688 spi 2000": {"rate_hz": 2000, "pins": {"imu_csn": 13}},
 }
 PARALLEL_RUNS = 2
 

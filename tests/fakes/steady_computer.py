@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import math
 import struct
 import time
 from collections import deque
@@ -28,30 +29,57 @@ _LATE_NS = 1_500_000
 class SteadyNode:
     """A wheel node at rate_hz that alternately turns for ten minutes and stands still for five.
 
-    sent: number of samples so far. ppm: rate error of its clock.
+    sent: number of samples so far. ppm: rate error of its clock. outages: (from, to) in s during which the
+    node has no power; its clock, indices and boot id begin again after each.
     """
 
-    def __init__(self, node_id: int, rate_hz: float, batch: int, ppm: float) -> None:
+    def __init__(
+        self,
+        node_id: int,
+        rate_hz: float,
+        batch: int,
+        ppm: float,
+        outages: tuple[tuple[float, float], ...] = (),
+    ) -> None:
         self.node_id, self.rate_hz, self.batch = node_id, rate_hz, batch
         self.sent = 0
+        self.outages = outages
+        self._boot_id, self._started = 77, 0.0
         self._fast = 1 + ppm * 1e-6
         self._seqs: dict[int, int] = {}
         self._decoder = FrameDecoder()
         self._turning = _bodies(node_id, batch, 208)
         self._resting = _bodies(node_id + 64, batch, 208, turning=False)
 
+    def is_off(self, t: float) -> bool:
+        """Return True in an outage, t by the node's clock since the start; restart the node after one."""
+        if any(start <= t < end for start, end in self.outages):
+            return True
+        started = max((end for _, end in self.outages if end <= t), default=0.0)
+        if started != self._started:
+            self._started, self._boot_id = started, self._boot_id + 1
+            self._seqs.clear()
+        return False
+
     def batch_at(self, k: int) -> bytes:
-        """Return batch number k as on the wire."""
+        """Return batch number k as on the wire; nothing in an outage."""
         index = k * self.batch
         t = index / self.rate_hz
+        if self.is_off(t):
+            return b""
         bodies = self._turning if t % 900 > 300 else self._resting
-        head = _HEAD.pack(int(t * 1e6) % TICKS, round(1e9 / self.rate_hz), index & 0xFFFF, 16, 0, self.batch)
+        own = index - math.ceil(self._started * self.rate_hz / self.batch) * self.batch
+        t_us = int((t - self._started) * 1e6) % TICKS
+        head = _HEAD.pack(t_us, round(1e9 / self.rate_hz), own & 0xFFFF, 16, 0, self.batch)
         self.sent += self.batch
-        return self._wire(ImuBatch.type_id, head + bodies[k % len(bodies)])
+        hello = self._message(self.hello()) if own == 0 and index else b""
+        return hello + self._wire(ImuBatch.type_id, head + bodies[k % len(bodies)])
 
     def reports(self, t: float) -> bytes:
         """Return the reports that the node sends each second, at t by its clock."""
-        t_us = int(t * 1e6) % TICKS
+        if self.is_off(t):
+            return b""
+        t_us = int((t - self._started) * 1e6) % TICKS
         health = Health(t_us, 3700, 0, 0, 0, 0, 0, 0, 0, 1, 900, 1, 50_000, 40)
         report = Filter(t_us, 2, 0, 2000, (256, 0, 0), (9, 9, 9), (256, 0, 1024), (41, 41, 82))
         return self._message(health) + self._message(report)
@@ -59,11 +87,13 @@ class SteadyNode:
     def answers(self, data: bytes, t: float) -> bytes:
         """Return the answers to the bytes of the host, at t by the node's clock."""
         replies = b""
+        if self.is_off(t):
+            return replies
         for frame in self._decoder.feed(data):
             if frame.type_id == GetHello.type_id:
                 replies += self._message(self.hello())
             elif frame.type_id == TimeRequest.type_id:
-                now = int(t * 1e6) % TICKS
+                now = int((t - self._started) * 1e6) % TICKS
                 replies += self._message(TimeReply(frame.payload, now, now))
         return replies
 
@@ -74,8 +104,8 @@ class SteadyNode:
     def hello(self) -> Hello:
         """Return the node's Hello."""
         return Hello(
-            FINGERPRINT, (0, 1, 0), bytes([self.node_id]) * 8, 77, 0, 1, int(self.rate_hz * 1000), 2000, 16,
-            70_000_000, 488_000, 62_500, 25_000_000, 0, self.batch, 0, 40, ((0x6B, 0x69, 1),),
+            FINGERPRINT, (0, 1, 0), bytes([self.node_id]) * 8, self._boot_id, 0, 1, int(self.rate_hz * 1000),
+            2000, 16, 70_000_000, 488_000, 62_500, 25_000_000, 0, self.batch, 0, 40, ((0x6B, 0x69, 1),),
         )  # fmt: skip
 
     def _message(self, message: Message) -> bytes:

@@ -1,5 +1,6 @@
 """The node on each kind of board: pins, battery, and the cause of each kind of restart."""
 
+import itertools
 import shutil
 
 import numpy as np
@@ -10,9 +11,19 @@ from hubodo.emulator.board.models import MODELS
 from hubodo.emulator.board.settings import BoardSettings, Flash, SensorBoard
 from hubodo.emulator.chips.faults import BrownOut, Reset
 from hubodo.emulator.motion import StillMotion
+from hubodo.ingest.node.health import report_worsening
 from hubowire import messages as m
 from repetitions import each_value_first
-from virtual_runs import FIRMWARE, match_samples, messages_of, micropython_or_skip, request, run, virtual_node
+from virtual_runs import (
+    FIRMWARE,
+    match_samples,
+    messages_of,
+    micropython_or_skip,
+    request,
+    run,
+    unique_motion,
+    virtual_node,
+)
 
 BOARDS = {
     "pico": m.Board.PICO,
@@ -60,9 +71,29 @@ def test_a_full_battery_on_vsys_is_measured_without_a_fault(model):
 
 
 @pytest.mark.parametrize("model", ["pico", "pico_w"])
-def test_a_flat_battery_is_a_fault(model):
-    sent, _, _ = run(2, board=BoardSettings(model=model, battery_mv=3100))
-    assert messages_of(sent, m.Health)[-1].faults == m.Fault.LOW_BATTERY
+def test_a_battery_that_runs_empty_is_reported_until_the_last_second_and_nothing_is_written(model, tmp_path):
+    """The supply falls from 3.6 V by 0.1 V/s, and ends at 3.2 V without notice."""
+    micropython_or_skip()
+    end, journal = 4.0, tmp_path / "journal"
+    journal.touch()
+    board = BoardSettings(model=model, battery_mv=3600, battery_mv_per_s=-100)
+    with virtual_node(end, unique_motion(end), Flash(FIRMWARE, journal=journal), board=board) as node:
+        node.wait(100)
+        frames, truth = hubowire.FrameDecoder().feed(node.output), node.chip.truth()
+    sent = [(frame, hubowire.decode(frame.type_id, frame.payload)) for frame in frames]
+    reports = messages_of(sent, m.Health)
+    for report in reports:
+        expected_mv = 3600 - 100e-6 * report.t_us
+        assert abs(report.battery_mv - expected_mv) < 15
+        assert bool(report.faults & m.Fault.LOW_BATTERY) == (report.battery_mv < 3300)
+    assert end - 1.1 < reports[-1].t_us * 1e-6 and reports[-1].faults == m.Fault.LOW_BATTERY
+    events = [
+        event for one, two in itertools.pairwise(reports) for event in report_worsening("left", one, two, 0)
+    ]
+    assert [event.text for event in events] == ["left: low battery"]
+    matches = match_samples(sent, truth)
+    assert np.all(np.diff(matches[:, 0]) == 1) and truth.t[int(matches[-1, 0])] > end - 0.1
+    assert journal.read_text() == "", "a loss of power cannot harm files that nothing writes"
 
 
 @pytest.mark.parametrize("model", ["esp32", "esp32_s3", "esp32_c3"])

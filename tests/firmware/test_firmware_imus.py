@@ -30,11 +30,16 @@ def configuration(tmp_path, monkeypatch):
     return path
 
 
-ROWS = {row[1]: row for row in chip_search.IMU_DRIVERS}
+ROWS = {row[1]: row for row in (*chip_search.IMU_DRIVERS, *SPI_DRIVERS)}
 SHARED_DRIVERS = {"mpu6500": "MPU9250", "lsm6dsv320x": "LSM6DSV"}
 CHIPS = [(kind, SHARED_DRIVERS.get(kind.chip_name, kind.chip_name.upper())) for kind in IMU_CHIPS]
 each_chip = pytest.mark.parametrize(("silicon", "driver"), CHIPS, ids=lambda x: getattr(x, "chip_name", x))
-ON_SPI = [(kind, name) for kind, name in CHIPS if name in {row[1] for row in SPI_DRIVERS}]
+ON_SPI = [
+    (kind, name)
+    for kind, chip_driver in CHIPS
+    for _, name, *_ in SPI_DRIVERS
+    if name in (chip_driver, f"{chip_driver}Spi")
+]
 each_bus = pytest.mark.parametrize(
     ("silicon", "driver", "bus_of"),
     [(*chip, EmulatedBus) for chip in CHIPS] + [(*chip, spi_bus) for chip in ON_SPI],

@@ -1,12 +1,13 @@
 """Hours of recording in virtual time: memory per hour, its slope, and completeness of the samples.
 
     python tests/soak/soak.py [--hours 3] [--nodes 4] [--rate 416] [--batch 16]
-        [--no-odometry] [--no-web] [--one-log] [--trace]
+        [--outage 0] [--no-odometry] [--no-web] [--one-log] [--trace]
 
 Four nodes on the path that `hubodo record` runs, two of them wheels with live odometry; logs are cut each
 hour under a disk budget; another process follows the live page and reads the metrics. Only ports and the
-clock are replaced. Exit code 1 where a sample is missing, nothing could be followed, or memory grows by more
-than 0.1 MB an hour after the first hour (1 MB in runs of less than eight hours, while bounded buffers fill).
+clock are replaced. With --outage S the last node has no power for S seconds of each hour. Exit code 1 where a
+sample is missing, nothing could be followed, or memory grows by more than 0.1 MB an hour after the first hour
+(1 MB in runs of less than eight hours, while bounded buffers fill).
 """
 
 import argparse
@@ -107,6 +108,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--nodes", type=int, default=4)
     parser.add_argument("--rate", type=float, default=416.0)
     parser.add_argument("--batch", type=int, default=16)
+    parser.add_argument("--outage", type=float, default=0.0, help="seconds of each hour, the last node")
     parser.add_argument("--no-odometry", action="store_true")
     parser.add_argument("--no-web", action="store_true", help="neither live page nor metrics, nobody follows")
     parser.add_argument("--one-log", action="store_true", help="do not rotate")
@@ -119,6 +121,9 @@ def main() -> int:
     hours = Hours(args.trace)
     labels = [*LABELS, *(f"n{k}" for k in range(4, args.nodes))][: args.nodes]
     nodes = {label: SteadyNode(k + 1, args.rate, args.batch, ppm=20.0 * k) for k, label in enumerate(labels)}
+    if args.outage:
+        starts = np.arange(min(1800.0, args.hours * 1800), args.hours * 3600, 3600.0)
+        nodes[labels[-1]].outages = tuple((start, start + args.outage) for start in starts.tolist())
     computer = SteadyComputer(nodes, hours.passed)
     metrics = free_port()
     config = RecordConfig(
@@ -154,6 +159,9 @@ def main() -> int:
         f"{recorded} recorded, {lost} lost, {result.messages_lost} messages in no log; "
         f"{len(result.files)} logs, {result.removed} of them removed"
     )
+    if args.outage:
+        restarts = result.nodes[labels[-1]]["restarts"]
+        print(f"{labels[-1]} was off for {args.outage:g} s of each hour: {restarts} restarts")
     if follower is not None:
         print(f"another process got {follower.frames} frames of the page and {follower.readings} of metrics")
     print(f"memory grows by {hours.slope():+.2f} MB an hour after the first")

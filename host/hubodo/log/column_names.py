@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hubodo.errors import InputError
@@ -139,3 +140,16 @@ def is_node_header(headings: tuple[str, ...]) -> bool:
         name in (*times, *NODE_COLUMNS) or parse_heading(name).name in ("", *NODE_OPTIONAL_COLUMNS)
         for name in last
     )
+
+
+def describe_other_table(headings: Sequence[str]) -> str:
+    """Return where a table belongs that is not the table of one node, by its headings; "" if unknown."""
+    names = [heading.strip().lower() for heading in headings]
+    if any(name.startswith("lat") for name in names) and any(name.startswith("lon") for name in names):
+        return "fixes stand in a folder: gnss.csv with t,latitude_deg,longitude_deg,altitude, beside left.csv"
+    if any(word in name for name in names for word in ("tick", "encoder", "odometer", "wheel_speed")):
+        return "speeds of wheels stand in a folder: wheels.csv with t,left,right in m/s"
+    of_nodes = [name.partition(side)[2].strip("_. ") for side in ("left", "right") for name in names]
+    if any(parse_heading(name).name in NODE_COLUMNS[1:] for name in of_nodes if name):
+        return "write left.csv and right.csv into one folder; or name the columns of one node: --columns"
+    return ""

@@ -14,6 +14,7 @@ from hubodo.errors import InputError
 from hubodo.log.column_names import (
     TIME_UNITS_S,
     NamedColumn,
+    describe_other_table,
     is_epoch,
     is_node_header,
     parse_heading,
@@ -171,6 +172,8 @@ def _assign_columns(source: str, numbers: NumberTable, input_format: InputFormat
             for column in columns
         ]
     named = f" ({format_names(numbers.names)})" if numbers.names else ""
+    if other_kind := describe_other_table(headings):
+        raise InputError(f"{source}: has {width} columns{named}; {other_kind}")
     n_channels = len(NODE_COLUMNS) - 1
     # Three columns are likely a gyro, six both sensors, without times.
     is_timed = width not in (n_channels // 2, n_channels)

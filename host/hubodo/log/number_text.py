@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,6 +17,8 @@ from hubodo.log.input_limits import READ_BLOCK_BYTES, MemoryBudget
 from hubodo.log.text_format import MISSING_NUMBERS, TextFormat, detect_format, is_number
 from hubodo.log.text_rows import iterate_rows, open_stream
 
+_NODE_HEADINGS = ("node", "sensor", "device", "imu", "wheel", "side", "sensor_id", "device_id", "node_id")
+_ROWS_OF_NODES = 200  # rows in which the rows of each node occur
 _BYTES_PER_CELL = 16  # a float64, and its copy while numpy joins blocks of rows
 
 
@@ -32,6 +35,7 @@ def read_text_table(path: Path) -> tuple[NDArray[np.float64], tuple[str, ...], t
     try:
         text_format = detect_format(path)
         _claim_table(path, text_format.width)
+        _refuse_several_nodes(path, text_format)
         rows = (text for _, text in iterate_rows(path, text_format.first_row))
         delimiter = text_format.delimiter
         if text_format.decimal_comma or text_format.clocks or text_format.texts:
@@ -51,6 +55,22 @@ def read_text_table(path: Path) -> tuple[NDArray[np.float64], tuple[str, ...], t
         raise InputError(f"{path}: cannot be unpacked ({error}); compress it again") from None
     join_dates_and_times(values, text_format.clocks)
     return values, _name_clock(text_format), tuple(notes)
+
+
+def _refuse_several_nodes(path: Path, text_format: TextFormat) -> None:
+    """Raise InputError if a column of words shows that the rows are of several nodes."""
+    for column in text_format.texts:
+        if text_format.names[column].strip().lower() not in _NODE_HEADINGS:
+            continue
+        rows = itertools.islice(iterate_rows(path, text_format.first_row), _ROWS_OF_NODES)
+        cells = (text_format.raw_cells(row) for _, row in rows)
+        nodes = dict.fromkeys(row[column] for row in cells if len(row) > column)
+        if len(nodes) > 1:
+            listed = ", ".join(list(nodes)[:4])
+            raise InputError(
+                f"{path}: its rows are of {len(nodes)} nodes ({listed}); write a file for each, such as "
+                "left.csv and right.csv in one folder"
+            )
 
 
 def _repair_rows(path: Path, text_format: TextFormat, notes: list[str]) -> Iterator[str]:

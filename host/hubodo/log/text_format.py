@@ -41,14 +41,19 @@ class TextFormat:
     clocks: Mapping[int, ClockFormat] = field(default_factory=dict)
     texts: tuple[int, ...] = ()
 
+    def raw_cells(self, row: str) -> list[str]:
+        """Return the cells of a row as written."""
+        cells = _split(row, self.delimiter)
+        if len(cells) == self.width + 1 and not cells[-1]:
+            del cells[-1]
+        return cells
+
     def cells(self, row: str) -> list[str]:
         """Return the cells of a row with decimal points, and dates and times of day in seconds.
 
         A delimiter behind the last cell adds none.
         """
-        cells = _split(row, self.delimiter)
-        if len(cells) == self.width + 1 and not cells[-1]:
-            del cells[-1]
+        cells = self.raw_cells(row)
         for column, clock in self.clocks.items():
             if column < len(cells):
                 cells[column] = clock.seconds(cells[column])

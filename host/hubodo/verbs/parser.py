@@ -33,12 +33,26 @@ _SYNONYMS: dict[str, tuple[str, ...]] = {
     "--port": ("--at 127.0.0.1:{}",),
     "--verbose": ("--debug",),
     "-v": ("--vehicle TOML", "--version", "--debug"),
+    "--plot": ("--figure {}",),
+    "--wheel": ("--diameter {}",),
+    "--wheel-diameter": ("--diameter {}",),
+    "--wheel-radius": ("--radius {}",),
     "-n": ("--node {}",),
     "-r": ("--rate {}", "--report {}"),
 }
 """Option that people try: the options that do it in the verbs, with how its value is written there."""
 
 
+_ELSEWHERE = {
+    "--wheel-radius": "sizes stand in a vehicle file: `hubodo vehicle new` writes it, --vehicle names it",
+    "--wheel-diameter": "sizes stand in a vehicle file: `hubodo vehicle new` writes it, --vehicle names it",
+    "--track-width": "sizes stand in a vehicle file: `hubodo vehicle new` writes it, --vehicle names it",
+    "--report": "`hubodo report LOG` writes the page",
+    "--plot": "`hubodo report LOG` writes a page with figures",
+    "--sim": "`hubodo demo` records virtual nodes",
+    "--simulate": "`hubodo demo` records virtual nodes",
+}
+"""Option that people try: what does it, in verbs that have no option for it."""
 _LOG_PURPOSES = ("--still", "--warmup", "--poses")
 """Options of a verb whose logs have different purposes."""
 _VERB_SYNONYMS = {
@@ -184,6 +198,8 @@ def _describe_unknown(
     for synonym in _SYNONYMS.get(name, ()):
         if synonym.split()[0] in known:
             return f"unknown option {name}, write {synonym.format(value).rstrip()}"
+    if name in _ELSEWHERE:
+        return f"unknown option {name}: {_ELSEWHERE[name]}"
     return f"unknown option {name}{suggest_spelling(name, known)}"
 
 

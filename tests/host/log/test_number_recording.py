@@ -294,3 +294,29 @@ def test_labels_beside_the_numbers_are_named_as_such(tmp_path):
     (tmp_path / "a.log").write_text("gx: 1.5 gy: 2.5\n" * 20)
     with pytest.raises(InputError, match="'gx:' is a label beside each number; write a table"):
         read_log(tmp_path / "a.log")
+
+
+@pytest.mark.parametrize(
+    ("headings", "advice"),
+    [
+        ("time,lat,lon,alt", "gnss.csv with t,latitude_deg,longitude_deg,altitude"),
+        ("t,left_ticks,right_ticks", "wheels.csv with t,left,right in m/s"),
+        ("t,left_gx,left_gy,left_gz,right_gx,right_gy,right_gz", "left.csv and right.csv into one folder"),
+    ],
+)
+def test_a_table_of_something_else_is_answered_by_where_it_belongs(tmp_path, headings, advice):
+    row = ",".join("1" * (headings.count(",") + 1))
+    (tmp_path / "a.csv").write_text(f"{headings}\n{row}\n{row.replace('1', '2', 1)}\n")
+    with pytest.raises(InputError, match=advice):
+        read_log(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(("heading", "is_refused"), [("node", True), ("Sensor", True), ("activity", False)])
+def test_rows_of_several_nodes_in_one_file_are_refused_other_words_are_not(tmp_path, heading, is_refused):
+    rows = (f"{name},{k}{',0.1' * 6}" for k, name in enumerate(["left", "right"] * 4))
+    (tmp_path / "a.csv").write_text(f"{heading},t,gx,gy,gz,ax,ay,az\n" + "\n".join(rows) + "\n")
+    if is_refused:
+        with pytest.raises(InputError, match=r"of 2 nodes \(left, right\)"):
+            read_log(tmp_path / "a.csv")
+    else:
+        assert len(read_log(tmp_path / "a.csv").nodes["a"].t) == 8

@@ -96,7 +96,7 @@ class VirtualBoard:
         self._peripherals = Peripherals(
             model,
             self.bus,
-            settings.battery_mv,
+            lambda: settings.battery_mv + settings.battery_mv_per_s * self.seconds,
             self._network.is_radio_on,
             radio,
             spi_sensor=spi_sensor,

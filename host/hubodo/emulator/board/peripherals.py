@@ -43,14 +43,15 @@ class RadioPins(Protocol):
 class Peripherals:
     """Peripherals of one board.
 
-    radio_on: returns True while the radio uses the pins of the battery divider. now: returns the time, ns.
+    battery_mv: returns the supply voltage. radio_on: returns True while the radio uses the pins of the
+    battery divider. now: returns the time, ns.
     """
 
     def __init__(
         self,
         model: BoardModel,
         bus: I2cBus,
-        battery_mv: float,
+        battery_mv: Callable[[], float],
         radio_on: Callable[[], bool],
         radio: RadioPins | None = None,
         *,
@@ -189,4 +190,4 @@ class Peripherals:
             return FLOATING_PIN_V
         if model.shares_radio_pin and (self._radio_on() or not self.pins.drives_high(RADIO_SELECT_PIN)):
             return _DIVIDER_OFF_V
-        return self._battery_mv / 1000 / model.divider_ratio
+        return self._battery_mv() / 1000 / model.divider_ratio

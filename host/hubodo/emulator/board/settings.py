@@ -147,7 +147,8 @@ class BoardSettings:
     random_seed : seed of os.urandom of the board; None for true randomness; an emulated RP2040 has its own
         source.
     uart_link : number of the UART that is the link to the host; None for USB CDC.
-    battery_mv : mV, supply voltage at the divider of the model.
+    battery_mv, battery_mv_per_s : mV and mV/s, supply voltage at the divider of the model at power-on, and
+        its change.
     wifi : Wi-Fi environment of the board.
     """
 
@@ -159,6 +160,7 @@ class BoardSettings:
     random_seed: int | None = None
     uart_link: int | None = None
     battery_mv: float = 3700.0
+    battery_mv_per_s: float = 0.0
     wifi: WifiEnvironment = field(default_factory=WifiEnvironment)
 
     @property

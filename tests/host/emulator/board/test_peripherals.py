@@ -32,7 +32,7 @@ class Radio:
 
 
 def _board(model: ModelName, *, radio_on: bool = False, radio: Radio | None = None) -> Peripherals:
-    return Peripherals(MODELS[model], I2cBus(()), 3700.0, lambda: radio_on, radio)
+    return Peripherals(MODELS[model], I2cBus(()), lambda: 3700.0, lambda: radio_on, radio)
 
 
 def _volts(board: Peripherals, channel: int) -> float:
