@@ -88,7 +88,7 @@ def results(tmp_path_factory):
         (still.allan(channel="az"), allan_sections),
         (still.warmup(channel="gz"), warmup_sections),
         (turned.heading(standstills=[(0.0, 9.0)]), heading_sections),
-        (turned.filters(standstills=[(0.0, 9.0)]), filter_sections),
+        (turned.filters(standstills=[(0.0, 9.0)], end=40.0), filter_sections),
         (turned.calibrate_rate(rates_deg_s=rates), None),
         (pose_result(), imu_sections),
         (plan_poses(DriftNoise(2e-3, 0.0, 0.0), 5e-3, 5.0), None),

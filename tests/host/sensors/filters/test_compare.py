@@ -136,17 +136,17 @@ def test_a_standstill_alone_recommends_nothing():
         ({"reference": "wheels.middle"}, "name the column: wheels.left, wheels.right"),
         ({"start": 1e4}, "they are from 0 to"),
         ({"standstills": [(900.0, 901.0)]}, "--rest 900 901: holds 0 samples"),
-        ({"start": 59.0}, "are too few"),
+        ({"start": 39.0}, "are too few"),
     ],
 )
 def test_what_does_not_fit_is_refused_by_the_name_of_the_option(options, message):
-    _, recording = recorded(duration=60.0)
+    _, recording = recorded(duration=40.0)
     with pytest.raises(InputError, match=message):
         compare_filters(recording, "left", "gz", **options)
 
 
 def test_an_unmeasured_axis_and_a_foreign_reference_are_refused():
-    drive, recording = recorded(duration=60.0)
+    drive, recording = recorded(duration=40.0)
     rng = np.random.default_rng(2)
     foreign = Table({"t": drive.t, "left": rng.standard_normal(len(drive.t)), "right": drive.rate})
     with pytest.raises(InputError, match=r"does not show|do not match"):

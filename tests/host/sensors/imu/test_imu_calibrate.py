@@ -226,7 +226,7 @@ def test_impossible_places_are_refused():
 
 
 def test_the_verb_writes_a_file_that_corrects_the_errors_and_keeps_other_entries(tmp_path, capsys):
-    data = carry(np.random.default_rng(14), GYRO, ACCEL, poses=20)
+    data = carry(np.random.default_rng(14), GYRO, ACCEL, poses=12)
     folder = tmp_path / "log"
     folder.mkdir()
     names = ("gx", "gy", "gz", "ax", "ay", "az")
@@ -249,8 +249,8 @@ def test_the_verb_writes_a_file_that_corrects_the_errors_and_keeps_other_entries
     assert np.abs((right - data.true_force).mean(axis=0)).max() < 0.01
     shown = json.loads(json.dumps(result.as_json(), allow_nan=False))
     assert shown["accel_norm_held_out"]["after_rms"] < 0.01
-    assert len(shown["rests"]) == 20
-    assert "20 standstills" in (tmp_path / "r.html").read_text()
+    assert len(shown["rests"]) == 12
+    assert "12 standstills" in (tmp_path / "r.html").read_text()
     alone = verb.run(parser.parse_args([line[0], *line[3:5], "-o", str(tmp_path / "alone.toml")]))
     assert alone.node == "hand" and set(read_calibration(tmp_path / "alone.toml").nodes) == {"hand"}
     with pytest.raises(InputError, match="give --node with one of: hand"):
