@@ -1,5 +1,7 @@
 """Each effect, hidden in a short drive by the independent simulator, is the first one that `gap` finds."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -46,11 +48,18 @@ def test_all_effects_of_the_package_are_simulated():
     assert SEED in effects.DEVELOPMENT_SEEDS
 
 
+@cache
+def draw_setup(duration):
+    """Return the setup of a drive, and its meter."""
+    setup = cases.draw_setup(SEED, duration=duration)
+    setup = cases.resample_nodes(setup, RATE_HZ, np.random.default_rng(SEED))
+    return setup, GainMeter(setup)
+
+
 @pytest.mark.parametrize("name", effects.KINDS)
 def test_a_hidden_effect_is_found_first(name, tmp_path):
-    setup = cases.draw_setup(SEED, duration=DURATION_OF_EFFECT.get(name, DURATION))
-    setup = cases.resample_nodes(setup, RATE_HZ, np.random.default_rng(SEED))
-    hidden, nats = GainMeter(setup).scale_to_gain(cases.draw_hidden_effect(setup, name), STRONG_NATS)
+    setup, meter = draw_setup(DURATION_OF_EFFECT.get(name, DURATION))
+    hidden, nats = meter.scale_to_gain(cases.draw_hidden_effect(setup, name), STRONG_NATS)
     recording.write_case_files(setup, [hidden], tmp_path, {})
     finding = find_first_effect(tmp_path)
     print(f"seed {SEED}, {hidden.scope}: {dict(hidden.parameters)}, {nats:.0f} nats; named: {finding}")

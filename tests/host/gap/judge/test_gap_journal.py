@@ -138,6 +138,7 @@ def test_a_resumed_search_ends_with_the_result_of_an_uninterrupted_one(
     # No complete round is judged again: the first one judged is the interrupted one.
     assert len(judged_rounds[0][0].state.terms) == 1
     assert judged_rounds[0][0].state.terms[0].effect.name in effects_before
+    assert len(judged_rounds[3][0].state.terms) == len(judged_rounds[2][0].state.terms)
 
 
 @pytest.mark.repeat

@@ -26,6 +26,7 @@ def draw_bank(distance, sigma, length, seed):
 def test_a_banked_road_is_named_with_its_size_and_nothing_else(seed, tmp_path):
     sigma, length = 0.03, 15.0
     setup = cases.draw_setup(seed, duration=60.0, vibration=0.0)
+    setup = cases.resample_nodes(setup, 30.0, np.random.default_rng(seed))
     motion = setup.drive.motion
     distance = np.cumsum(np.abs(motion.speed)) * motion.step
     bank = draw_bank(distance, sigma, length, seed)
