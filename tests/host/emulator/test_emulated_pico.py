@@ -151,7 +151,7 @@ print(pulses, low, sda.value(), who())
 def test_an_unfed_watchdog_restarts_the_board_with_its_cause(tmp_path: Path) -> None:
     program = READY + "import machine\nprint(machine.reset_cause())\ndog = machine.WDT(timeout=300)\n"
     program += "time.sleep_ms(200)\ndog.feed()\n" * 2
-    node = run(tmp_path, program + "while True: time.sleep_ms(1)", 2.2)
+    node = run(tmp_path, program + "while True: time.sleep_ms(20)", 2.2)
     (first, why), *_ = node.stats["resets"]
     assert why == "watchdog" and 1.1 < first < 1.5
     assert printed(node)[:2] == ["1", "3"]
@@ -159,8 +159,8 @@ def test_an_unfed_watchdog_restarts_the_board_with_its_cause(tmp_path: Path) -> 
 
 def test_a_brown_out_resets_the_chips_and_the_reset_pin_does_not(tmp_path: Path) -> None:
     program = I2C + "print(i2c.readfrom_mem(0x6B, 0x10, 1)[0])\ni2c.writeto_mem(0x6B, 0x10, b'\\x64')\n"
-    program += "while True: time.sleep_ms(1)\n"
-    node = run(tmp_path, program, 3.2, faults=[Reset(1.2), BrownOut(2.2)])
+    program += "while True: time.sleep_ms(20)\n"
+    node = run(tmp_path, program, 2.7, faults=[Reset(0.9), BrownOut(1.8)])
     assert [why for _, why in node.stats["resets"]] == ["reset pin", "brown-out"]
     assert printed(node)[:3] == ["0", "100", "0"]
 
