@@ -77,7 +77,7 @@ def test_each_update_agrees_with_the_float_version_of_the_same_history(forgettin
     assert max(row[0] for row in worst.values()) < 1 / 4
 
 
-@pytest.mark.parametrize("forgetting", FORGETTING)
+@pytest.mark.parametrize("forgetting", first_and_more(*FORGETTING))
 def test_with_noise_the_filter_agrees_with_the_float_version_within_1_32_step(forgetting):
     table = signals(COUNT)[0]
     rates, _ = run_filter_on_signals(forgetting)[0]
