@@ -248,3 +248,22 @@ def test_a_node_is_flashed_by_bluetooth(firmwares, bench, monkeypatch, capfd):
         report = flash("ble://hubodo-1", firmwares[0], monkeypatch, capfd, *here.words())
     assert air.counts["exchanges lost"] > 5
     assert MAIN in report["copied"] and here.comes_up_as() == ["new"]
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (
+            ("--set", "password=x"),
+            "password: not over Wi-Fi or Bluetooth; packets are authenticated, not secret",
+        ),
+        (("--set", "node_id=2"), "use `hubodo node PORT set node_id=N`"),
+        (("--roll-back", "--set", "rate_hz=52"), "--roll-back changes no settings"),
+        (("--calibration", "c.toml"), "a calibration is written by USB"),
+    ],
+)
+def test_what_cannot_go_over_the_air_is_refused_before_anything_is_sent(tmp_path, capfd, words, text):
+    ring = KeyRing(tmp_path / "keys.toml", create=True)
+    ring.get_or_create_key(SERIAL)
+    assert main(["flash", "udp://127.0.0.1:1", "--key-file", str(ring.path), *words]) == 2
+    assert text in capfd.readouterr().err

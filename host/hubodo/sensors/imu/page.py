@@ -63,8 +63,9 @@ def _format_held_out(held_out: CrossValidation | None, unit: ShownUnit) -> str:
         return "no data were held out"
     values = (held_out.rms_before, held_out.rms, float(np.abs(held_out.error).max()))
     before, after, largest = (value * unit.factor for value in values)
+    name = unit.name if unit.name == "°" else f" {unit.name}"
     return (
-        f"{before:.2g} {unit.name} rms before, {after:.2g} {unit.name} after "
+        f"{before:.2g}{name} rms before, {after:.2g}{name} after "
         f"(largest {largest:.2g}), on {len(held_out.error)} held out of the fit"
     )
 
@@ -99,7 +100,7 @@ def _residuals(result: ImuCalibration) -> Sequence[Section]:
         if result.gyro.held_out is not None:
             angle = ANGLE.shown()
             angles = _before_and_after(result.gyro.held_out, angle.factor)
-            figures.append(draw_curves(angles, "turn", f"angle error against gravity, {angle.name}"))
+            figures.append(draw_curves(angles, "turn", f"angle to gravity, {angle.name}"))
         text += f" Gyro turns: {format_turn_error(result.gyro.held_out)}."
     return (Section("Before and after", text, figures=figures),)
 
