@@ -18,7 +18,7 @@ from hubodo.earth import STANDARD_GRAVITY
 _MAX_LEVELS = 200_000
 _MIN_LEVEL_DIFFERENCES, _MAX_MULTIPLE, _MULTIPLE_TOLERANCE = 8, 100.0, 0.05
 _MIN_RECURRENCE = 20
-_MAX_DECIMALS = 12
+_MAX_DECIMALS, _FEW_LEVELS = 12, 64
 _DECIMAL_UNITS = (1.0, STANDARD_GRAVITY, STANDARD_GRAVITY * 1e-3, math.pi / 180.0, math.pi / 648e3)
 """Units in which a file may have been rounded: SI, g, mg, deg/s, deg/h."""
 _EPSILON = float(np.finfo(float).eps)
@@ -87,15 +87,21 @@ def _find_step(values: Array) -> float:
 
 def _decimal_step(levels: Array) -> float:
     """Return the decimal step to which all levels are rounded in a common unit; 0 if there is none."""
-    best = 0.0
+    best, largest = 0.0, float(np.abs(levels).max())
+    # Values that are not rounded fail at a few of them already.
+    few = levels[:: max(1, len(levels) // _FEW_LEVELS)]
     for unit in _DECIMAL_UNITS:
         for decimals in range(_MAX_DECIMALS + 1):
             step = unit * 10.0**-decimals
-            counts = levels / step
-            tolerance = 1e-9 + 8.0 * _EPSILON * float(np.abs(counts).max())
+            tolerance = 1e-9 + 8.0 * _EPSILON * (largest / step)
             if tolerance > _MULTIPLE_TOLERANCE:
                 break
-            if np.abs(counts - np.rint(counts)).max() < tolerance:
+            if _are_multiples(few, step, tolerance) and _are_multiples(levels, step, tolerance):
                 best = max(best, step)
                 break
     return best
+
+
+def _are_multiples(levels: Array, step: float, tolerance: float) -> bool:
+    counts = levels / step
+    return bool(np.abs(counts - np.rint(counts)).max() < tolerance)
