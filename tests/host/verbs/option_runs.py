@@ -162,7 +162,7 @@ RUNS: tuple[Run, ...] = (
     ),
     *_logs("report", "-o out-{n}.html"),
     Run(
-        "report rest.mcap --vehicle vehicle.toml --calibration calibration.toml --gravity 9.81 --force "
+        "report moment.mcap --vehicle vehicle.toml --calibration calibration.toml --gravity 9.81 --force "
         "-o out-{n}.html"
     ),
     *_logs("play", "--speed 0"),
@@ -293,6 +293,7 @@ def create_files(folder: Path) -> None:
     for command_lines in (
         "model.toml --duration 24 --rate 50 --seed 3 -o drive.mcap",
         "model.toml --drive rest --duration 20 --rate 100 -o rest.mcap",
+        "model.toml --drive rest --duration 5 --rate 40 -o moment.mcap",
         "uncalibrated.toml --drive poses --duration 80 --rate 50 -o poses.mcap",
         "model.toml --drive turntable --duration 80 --rate 50 --latitude-deg 48 -o table.mcap",
     ):
