@@ -1,7 +1,8 @@
 """Initial bias while driving: the reference rate is that of gravity rotating in the accelerometer."""
 
 from micropython import const
-from pseudo_init import PseudoInit, mean_q14, real
+from pseudo_filter import mean_q14
+from pseudo_init import PseudoInit, real
 from small_float import number, times
 
 _N_AXES = const(3)

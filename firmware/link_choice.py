@@ -16,10 +16,14 @@ def open_link(board):
     kind = settings["link"]
     if kind == "uart":
         return _open_uart(settings["baud"], board.pins)
-    if kind in ("nrf24", "espnow"):
-        import radio
+    if kind == "nrf24":
+        from radio import radio_link
 
-        return radio.open_link(board)
+        return radio_link.RadioLink(board)
+    if kind == "espnow":
+        from radio import espnow_link
+
+        return espnow_link.EspNowLink(board)
     for name, module, its_class in _PACKET_LINKS:
         if kind == name:
             carrier = getattr(__import__(module), its_class)(settings)

@@ -1,7 +1,7 @@
 """Mean of the gyro over a fixed number of samples, for a wheel at standstill or on a rate table."""
 
 from micropython import const
-from pseudo_init import mean_q14
+from pseudo_filter import mean_q14
 
 _LOW_15 = const((1 << 15) - 1)
 

@@ -21,10 +21,30 @@ from micropython import const
 from small_float import ONE, integer, minus, number, over, plus, times
 
 _LOW_14 = const((1 << 14) - 1)
+_LOW_15 = const((1 << 15) - 1)
 _LIMIT_Q16 = const((1 << 29) - 1)
 _ONE_HALF = const((1 << 18) << 8 | (128 - 19))
 _QUARTER = const((1 << 18) << 8 | (128 - 20))
 _TWO = const((1 << 18) << 8 | (128 - 17))
+
+
+def mean_q14(high, low, divisor):
+    """Return (high 2^15 + low) 2^14 / divisor by long division, for divisors below 2^24."""
+    high += low >> 15
+    low &= _LOW_15
+    quotient, remainder = high // divisor, high % divisor
+    # 15 bits of the low digit, then 14 bits of fraction.
+    for shift in (9, 3):
+        remainder = (remainder << 6) + (low >> shift & 63)
+        quotient = (quotient << 6) + remainder // divisor
+        remainder %= divisor
+    remainder = (remainder << 3) + (low & 7)
+    quotient = (quotient << 3) + remainder // divisor
+    remainder = remainder % divisor << 6
+    quotient = (quotient << 6) + remainder // divisor
+    remainder = remainder % divisor << 6
+    quotient = (quotient << 6) + remainder // divisor
+    return (quotient << 2) + (remainder % divisor << 2) // divisor
 
 
 def difference(d, rate_q12):

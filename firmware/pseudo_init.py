@@ -13,26 +13,6 @@ if TYPE_CHECKING:
 _N_AXES = const(3)
 _ROW = const(6)
 _PUT_LIMIT = const(1 << 27)
-_LOW_15 = const((1 << 15) - 1)
-
-
-def mean_q14(high, low, divisor):
-    """Return (high 2^15 + low) 2^14 / divisor by long division, for divisors below 2^24."""
-    high += low >> 15
-    low &= _LOW_15
-    quotient, remainder = high // divisor, high % divisor
-    # 15 bits of the low digit, then 14 bits of fraction.
-    for shift in (9, 3):
-        remainder = (remainder << 6) + (low >> shift & 63)
-        quotient = (quotient << 6) + remainder // divisor
-        remainder %= divisor
-    remainder = (remainder << 3) + (low & 7)
-    quotient = (quotient << 3) + remainder // divisor
-    remainder = remainder % divisor << 6
-    quotient = (quotient << 6) + remainder // divisor
-    remainder = remainder % divisor << 6
-    quotient = (quotient << 6) + remainder // divisor
-    return (quotient << 2) + (remainder % divisor << 2) // divisor
 
 
 class PseudoInit(BiasInitialiser):

@@ -10,8 +10,6 @@ from micropython import const
 from outbox import Outbox, Slot
 from wire_more import SIGNAL, SIGNAL_FORMAT, SIGNAL_SIZE
 
-from radio import open_air
-
 _HELLO_MS = const(5000)
 _HEALTH_MS = const(1000)
 _FAREWELL_MS = const(300)
@@ -43,7 +41,7 @@ class Receiver:
         self.leave = None
         self.free_heap = self.longest_us = 0
         self.estimator = self.init = None
-        self._air = open_air(board, self.outbox)
+        self._air = _open_air(board, self.outbox)
         self._request = Slot()
         self._hello_ms = self._health_ms = ticks_ms()
         reports.hello(self)
@@ -124,3 +122,14 @@ class Receiver:
             for k in range(len(ids)):
                 if not frame.node or ids[k] == frame.node:
                     self._air.answer(k, raw, end)
+
+
+def _open_air(board, outbox):
+    """Return the receiving side of the radio that the settings name."""
+    if board.settings["receiver"] == "espnow":
+        from radio import espnow_air
+
+        return espnow_air.EspNowAir(board, outbox)
+    from radio import nrf24_air
+
+    return nrf24_air.Nrf24Air(board, outbox)

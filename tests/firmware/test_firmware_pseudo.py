@@ -276,5 +276,5 @@ def test_the_whole_initialisation_stays_within_31_bits(kind, stretch):
 def test_the_mean_by_long_division_is_rounded_down(total, divisor):
     if abs(total) // divisor >= 1 << 15:
         total %= divisor << 15
-    result = pseudo_init.mean_q14(SmallInt(total >> 15), SmallInt(total & 0x7FFF), SmallInt(divisor))
+    result = pseudo_filter.mean_q14(SmallInt(total >> 15), SmallInt(total & 0x7FFF), SmallInt(divisor))
     assert result == (total << 14) // divisor

@@ -27,19 +27,14 @@ _PROOF_BY_MUTANT: dict[tuple[str, str, str], str] = {
     ): "the initial value is compared only with counts whose low byte is at least 250",
     (
         "host/hubodo/fuse/wheel/spin_search.py",
-        "chirp = sample_set.best(chirp.excess + offsets, chirp.slope + 0.1 * max_slope * offsets)",
+        "chirp = sample_set.fit_chirp(chirp.excess + offsets, chirp.slope + 0.1 * max_slope * offsets)",
         "+ -> -",
     ): "the grid is symmetric: the same values in another order",
     (
         "host/hubodo/fuse/wheel/spin_search.py",
-        ".best(chirp.excess + rate_range * _SEARCH_GRID, chirp.slope + fine_step * _SEARCH_GRID, sign)",
+        "chirp.excess + rate_range * _SEARCH_GRID, chirp.slope + fine_step * _SEARCH_GRID, sign",
         "+ -> -",
     ): "the grid is symmetric: the same values in another order",
-    (
-        "host/hubodo/fuse/wheel/rate_beyond_range.py",
-        "if wheel.angle_initialised and (is_unobserved or angle_variance > _MAX_ANGLE_SIGMA**2):",
-        "2 -> 3",
-    ): "the constant is 1 rad, and any power of 1 is 1",
     (
         "host/hubodo/fuse/graph/alignment.py",
         "second = (first + (0.25 + 0.5 * (k * 0.7548776662 % 1.0)) * n).astype(np.intp) % n",
@@ -91,7 +86,7 @@ _PROOF_BY_MUTANT: dict[tuple[str, str, str], str] = {
         "0.0 -> 1.0",
     ): "ratios of 0 and 1 are both insignificant for any degrees of freedom",
     (
-        "host/hubodo/sensors/imu/calibrate.py",
+        "host/hubodo/sensors/imu/result.py",
         "if g_sensitivity is not None and g_sigma is not None:",
         "and -> or",
     ): "`estimate_static_bias` returns both or neither",

@@ -26,7 +26,7 @@ from hubodo.ros2.cdr import decode_message, encode_message
 from hubodo.ros2.config import Ros2Config
 from hubodo.ros2.dds_types import REQUEST_ID, message_class
 from hubodo.ros2.names import LATCHED, RELIABLE, QosProfile, dds_topic, message_type_of, service_topics
-from hubodo.ros2.transport import OnMessage, OnRequest
+from hubodo.ros2.node import OnMessage, OnRequest
 from hubodo.ros2.type_hash import service_hash, type_hash
 
 _DISCOVERY_TOPIC = "ros_discovery_info"

@@ -13,7 +13,7 @@ import zenoh
 from hubodo.errors import InputError
 from hubodo.ros2.config import Ros2Config
 from hubodo.ros2.names import RELIABLE, QosProfile, dds_type, message_type_of
-from hubodo.ros2.transport import OnMessage, OnRequest
+from hubodo.ros2.node import OnMessage, OnRequest
 from hubodo.ros2.type_hash import service_hash, type_hash
 from hubodo.safe_text import json_text
 

@@ -29,7 +29,8 @@ from hubodo.log.records import (
 )
 from hubodo.ros2.config import Ros2Config
 from hubodo.ros2.names import PUBLISHED_TYPES, topic_qos
-from hubodo.ros2.transport import Node, Publisher, shared_node
+from hubodo.ros2.node import Node, Publisher
+from hubodo.ros2.transport import shared_node
 from hubodo.vehicle import Vehicle
 
 _MESSAGE_HEADER = struct.Struct("<BQHIqq")

@@ -16,7 +16,7 @@ from hubodo.ingest.live.odometry_requests import FindBias, OdometryRequest, OnOu
 from hubodo.log import ros2
 from hubodo.ros2.cdr import decode_message, encode_message
 from hubodo.ros2.names import RELIABLE
-from hubodo.ros2.transport import Node, Reply
+from hubodo.ros2.node import Node, Reply
 
 _ODOM_FRAMES = ("odom", "")
 _PLANE = [0, 1, 5]

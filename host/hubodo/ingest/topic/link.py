@@ -13,7 +13,8 @@ from hubodo.ingest.link.link import Inbox, LinkLost, LinkUp, TopicMessage
 from hubodo.ingest.topic.port import ROLE_TYPES, TopicPort, TopicRole
 from hubodo.ros2.config import Ros2Config
 from hubodo.ros2.names import QosProfile
-from hubodo.ros2.transport import Node, shared_node
+from hubodo.ros2.node import Node
+from hubodo.ros2.transport import shared_node
 
 _CHECK_INTERVAL_S = 0.1
 _DISCOVERY_TIMEOUT_S = 3.0
