@@ -211,6 +211,22 @@ def test_only_requests_without_sensors_are_executed_meanwhile_and_silence_ends_t
     assert node.leave == 0
 
 
+def test_a_first_start_ends_after_two_minutes_and_passes_duties_on_until_a_request_confirms_it(disk):
+    calls = []
+    node = FakeNode()
+    before = node.commands
+    node.slow = SimpleNamespace(step=calls.append, use=lambda *batch: calls.append(batch))
+    watch = trial.Trial(node)
+    watch.use("samples", 0, 8)
+    watch.step(119_999)
+    assert calls == [("samples", 0, 8), 119_999] and node.leave is None
+    watch.step(120_000)
+    assert node.leave == 0
+    (disk / "main.py.new").write_bytes(b"new main")
+    assert node.request(Ping()) == [Ack(Ping.type_id, 7)]
+    assert node.commands is before and (disk / "main.py").read_bytes() == b"new main"
+
+
 @pytest.mark.parametrize(
     ("status", "change"),
     [
