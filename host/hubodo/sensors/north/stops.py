@@ -130,6 +130,8 @@ def split_stops(
     nudge = 0.0
     if vertical is not None:
         stops, notes, nudge = _drop_disturbed(t, channels, vertical, stops, step)
+        if not stops:
+            raise InputError(f"every stop is excluded; {notes[0]}")
         _check_stationary(t, vertical, stops, step)
         stops, noisy = _drop_noisy(t, vertical, stops)
         notes += noisy

@@ -16,6 +16,7 @@ from hubodo.sensors.north.axis_record import GyroAngleOptions, build_axis_record
 from hubodo.sensors.north.circular import wrap_angle
 from hubodo.sensors.north.disturbances import find_disturbed_spans
 from hubodo.sensors.north.north_estimate import find_north
+from hubodo.sensors.north.stops import TableMotion, split_stops
 
 LATITUDE = np.radians(45)
 NOISE = {"n": np.radians(0.002), "b": 0.5 * DEG_H, "k": 1e-8}
@@ -97,6 +98,16 @@ def test_a_blow_that_leaves_too_few_stops_is_named_in_the_refusal():
     short = Programme([180, -90, 180], [15.0] * 4, [60.0] * 3)
     with pytest.raises(InputError, match=r"3 stops are too few.*14\.8 s is excluded: a blow at"):
         estimate(short, "maytag4", 1.0, kick=(5.0, 0.3, np.radians(2)))
+
+
+def test_blows_in_every_stop_are_refused_with_the_first():
+    t = np.arange(1200) / 20
+    rate = 1e-3 * np.random.default_rng(3).standard_normal((2, len(t)))
+    moving = (t % 15 < 2).astype(bool)
+    rate[:, (t % 15 > 8) & (t % 15 < 8.3)] += 0.03
+    table = TableMotion(t, np.pi * np.floor(t / 15), moving)
+    with pytest.raises(InputError, match=r"every stop is excluded; the stop at .* a blow at 7\.4"):
+        split_stops(t, rate[0], table, vertical=rate[1])
 
 
 def test_short_stops_without_a_blow_show_none():
