@@ -20,7 +20,7 @@ from hubodo.model.model_file import read_model
 SEED, DURATION, RATE_HZ = 11, 33.0, 30.0
 # In half a minute, a random walk may resemble a warm-up; a longer one does not.
 DURATION_OF_EFFECT = {"gyro_rate_random_walk": 60.0}
-LOST_PHASE_DURATION, LOST_PHASE_RATE_HZ = 60.0, 50.0
+LOST_PHASE_DURATION, LOST_PHASE_RATE_HZ = 60.0, 30.0
 
 
 class FirstEffectFound(Exception):

@@ -112,8 +112,13 @@ def test_each_effect_names_confusable_effects_and_manoeuvres(kind):
     assert kind.meaning
 
 
+def draw_setup():
+    """Return a drive of 40 s at a third of the usual rate."""
+    return cases.resample_nodes(cases.draw_setup(SEED, duration=40.0), 30.0, np.random.default_rng(SEED))
+
+
 def test_a_steered_wheel_of_an_independent_simulator_is_identified_on_request(tmp_path):
-    setup = cases.draw_setup(SEED, duration=60.0)
+    setup = draw_setup()
     hidden = beyond.hide_effect(setup, "steered_wheel", 2000.0)
     recording.write_case_files(setup, [], tmp_path / "case", {}, hidden.records)
     gap_run = run_gap(
@@ -126,9 +131,9 @@ def test_a_steered_wheel_of_an_independent_simulator_is_identified_on_request(tm
 
 @pytest.fixture(scope="module")
 def foreign(tmp_path_factory):
-    """A log of one minute by an independent simulator."""
+    """A log by an independent simulator."""
     path = tmp_path_factory.mktemp("foreign") / "case"
-    recording.write_case_files(cases.draw_setup(SEED, duration=60.0), [], path, {})
+    recording.write_case_files(draw_setup(), [], path, {})
     return path
 
 

@@ -9,7 +9,6 @@ import pytest
 
 import wanted
 from accuracy import car
-from repetitions import first_and_more
 from wheel_runs import skip_held_out_segments
 
 
@@ -39,13 +38,9 @@ def test_one_wheel_calibrated_on_one_drive_beats_tape_measured_sizes_on_others(
         assert after < 0.5 and after < 0.6 * before
 
 
-@pytest.mark.parametrize("held_out", first_and_more(False, True), ids=["whole drive", "held-out segments"])
-def test_two_wheels_calibrated_on_one_drive_beat_tape_measured_sizes_on_the_other(
-    logs, uncalibrated_error, held_out, monkeypatch
-):
+@pytest.mark.repeat
+def test_two_wheels_calibrated_on_one_drive_beat_tape_measured_sizes_on_the_other(logs, uncalibrated_error):
     """The held-out segments of drive-1 confirm its calibration as well."""
-    if not held_out:
-        skip_held_out_segments(monkeypatch)
     calibration = car.calibration_from(logs["drive-1"], ("left", "right"))
     after = car.largest_percent(logs["drive-2"], ("left", "right"), calibration)
     assert after < 0.4
