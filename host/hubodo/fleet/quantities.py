@@ -60,7 +60,7 @@ def _info(result: Result) -> Iterator[LogQuantity]:
 def _fuse(result: Result) -> Iterator[LogQuantity]:
     yield LogQuantity("", "distance", result["distance"], unit="m")
     for name, value in result.get("truth", {}).items():
-        unit = "%" if name.endswith("percent") else "rad" if name.startswith("heading") else "m"
+        unit = "%" if name.endswith("percent") else "rad" if name in ("heading_rms", "rotation") else "m"
         yield LogQuantity("", f"truth.{name}", value, unit=unit)
     yield from _effects("", result.get("vehicle", {}))
     for node, effects in result.get("nodes", {}).items():

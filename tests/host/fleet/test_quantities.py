@@ -24,3 +24,9 @@ def test_values_that_are_not_numbers_are_omitted():
         "distance",
         "truth.final_percent",
     ]
+
+
+def test_each_error_of_a_track_has_its_unit():
+    truth = {"final_error": 0.1, "final_percent": 0.4, "heading_rms": 0.01, "rotation": 0.002}
+    quantities = extract_quantities("fuse", {"distance": 12.5, "truth": truth})
+    assert [quantity.unit for quantity in quantities] == ["m", "m", "%", "rad", "rad"]
