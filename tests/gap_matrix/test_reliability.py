@@ -77,7 +77,7 @@ def _is_on_both_wheels(calls):
 
 
 @pytest.mark.parametrize(
-    "kind", ["single", "null", *first_and_more("outside", "blunt", "alike", "blunt alike")]
+    "kind", ["null", *first_and_more("outside", "single", "blunt", "alike", "blunt alike")]
 )
 def test_names_with_a_confidence_above_99_percent_are_correct(kind):
     """The trial is the first of its kind; the second for `blunt`, as the first one gives no name.

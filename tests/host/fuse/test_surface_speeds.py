@@ -154,7 +154,7 @@ def test_encoder_speeds_keep_the_track_consistent_and_reduce_its_covariance(name
 
 def test_smoothing_with_an_encoder_leaves_the_last_pose_unchanged():
     """The smoothed end also includes the encoder measurement of the last step."""
-    drive, wheels = simulate_encoder_drive()
+    drive, wheels = simulate_encoder_drive(length=30.0)
     speeds = average_surface_speeds(wheels)
     settings = config(drive, ("left",), encoder_aided=True)
     forward, *smoothed = (
