@@ -32,6 +32,7 @@ from hubodo.sensors.imu.quantisation import (
     find_quantisation_steps,
     rounding_sigma,
 )
+from hubodo.sensors.imu.uneven_codes import uneven_mean_sigma
 from hubodo.sensors.saturation import check_saturation, saturated_value
 from hubodo.sensors.standstill_channel import IMU_CHANNELS, interpolate_temperature
 
@@ -165,13 +166,20 @@ def _check_saturation(rate: Array, spans: Spans, axis: str, notes: list[str]) ->
 
 
 def _rounding(axis: VerticalAxis, spans: Spans, notes: list[str]) -> float:
-    """Return the 1σ of means of the rate that rounding causes, rad/s; add a remark where it matters."""
-    parts = [axis.raw[i:j] for i, j in spans] or [axis.raw]
+    """Return the 1σ of means of the rate that the converter causes, rad/s; add a remark where it matters."""
+    ranges = spans or ((0, len(axis.raw)),)
     step = float(find_quantisation_steps(axis.raw[:, None])[0])
-    rounding = max(rounding_sigma(part, step)[0] for part in parts)
+    rounding = max(rounding_sigma(axis.raw[i:j], step)[0] for i, j in ranges)
     if rounding > TYPICAL_BIAS_INSTABILITY / 3.0:
         notes.append(describe_rounding(step, rounding))
-    return rounding
+    uneven, unevenness, step = uneven_mean_sigma(axis.raw[:, None], spans)
+    if unevenness:
+        notes.append(
+            f"the codes of the gyro's converter are uneven by {unevenness:.0%} (1σ; steps of "
+            f"{math.degrees(step):.3g} deg/s): sigma includes "
+            f"{math.degrees(float(uneven[0])) * 3600.0:.3g} °/h of bias for it"
+        )
+    return float(math.hypot(rounding, float(uneven[0])))
 
 
 def _bias_from_calibration(effects: Mapping[str, CalibratedEffect], detected: DetectedStandstills) -> str:
