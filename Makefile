@@ -56,7 +56,7 @@ bench: setup         ## speed and memory compared with other packages in the sam
 		$(BIN)/python tests/bench/table.py || missed=1; exit $$missed
 
 HOURS := 3
-soak: setup          ## memory during hours of recording in virtual time; about five minutes (HOURS=24: forty)
+soak: setup          ## memory during hours of recording in virtual time; about five minutes (HOURS=24: forty; SOAK="--outage 600": a node without power for ten minutes of each hour)
 	$(BIN)/python tests/soak/soak.py --hours $(HOURS) $(SOAK)
 
 papers: setup        ## results of four papers compared with ours
