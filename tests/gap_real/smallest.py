@@ -54,15 +54,20 @@ def measure_smallest(case: Case, folder: Path, seed: int) -> Smallest | None:
     hypothesis = judged.find_hypothesis((case.effect, case.node))
     if hypothesis is None or hypothesis.held_out_gain is None:
         return None
-    gain, demanded = hypothesis.held_out_total, _demanded_gain(hypothesis, judged.tempering)
+    gain, demanded = hypothesis.held_out_total, demanded_gain(hypothesis, judged.tempering)
     share = math.sqrt(demanded / gain) if gain > 0.0 else math.inf
-    size = dict(injection.parameters)
+    # The gain does not grow with the time constant of a warm-up.
+    size = {
+        name: value
+        for name, value in injection.parameters.items()
+        if name != "time_constant" or case.effect == "gyro_lag"
+    }
     if case.effect in DELAY_EFFECTS:
         size = {name: abs(hypothesis.term.effect.values()[name]) for name in size}
     return Smallest(case, {name: share * value for name, value in size.items()}, gain, demanded)
 
 
-def _demanded_gain(hypothesis: Hypothesis, tempering: float) -> float:
+def demanded_gain(hypothesis: Hypothesis, tempering: float) -> float:
     """Return the gain on held-out samples below which a hypothesis has an objection."""
     chance = MIN_CORRELATED_GAIN * tempering
     doubt = hypothesis.doubtful_gain

@@ -11,7 +11,6 @@ from hubodo.effects.empirical import PREFIX
 from hubodo.gap.judge.hypothesis import Hypothesis
 from hubodo.gap.judge.round import EMPIRICAL, MIN_ADD_PROBABILITY, Round
 from hubodo.gap.judge.search import SearchObserver, SearchResult
-from hubodo.gap.refit.prune import compute_linear_gain
 from hubodo.gap.refit.refit import Refit, compute_gain, refit, refit_with_weights
 from hubodo.gap.state.state import State
 from hubodo.gap.state.terms import ModelTerm
@@ -148,7 +147,8 @@ class _EffectSet:
         ):
             # The effect was judged with an effect in the model that has been removed since.
             return False
-        return compute_linear_gain(self.final, term) > _MIN_GAIN_SHARE * own.gain
+        gain = compute_gain(refit(self.final.evaluation.with_state(self.without(term)), rounds=2), self.final)
+        return gain > _MIN_GAIN_SHARE * own.gain
 
 
 @dataclass(frozen=True)

@@ -64,14 +64,6 @@ def count_determined(fit: Refit, term: ModelTerm, tempering: float, model_gain: 
     return len(term.effect.coordinates()) - len(pruned), loss
 
 
-def compute_linear_gain(fit: Refit, term: ModelTerm) -> float:
-    """Return the gain in ln likelihood of a term over its absence, in the linear model of a fit."""
-    place = fit.coordinate_slice(term)
-    indices = range(place.start, place.stop)
-    no_budget = np.full(len(fit.covariance), np.inf)
-    return _eliminate(indices, indices, fit.covariance, _relative_coordinates(fit), no_budget)[1]
-
-
 def _max_losses(fit: Refit, tempering: float, model_gain: float, level_shares: Array) -> Array:
     """Return the largest losses in ln likelihood that pruning may cost up to each coordinate, (K,).
 
