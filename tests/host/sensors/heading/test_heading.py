@@ -217,6 +217,7 @@ def test_the_error_of_the_start_gyro_agrees_with_sigma(tmp_path, capsys):
     assert np.sqrt(np.mean(np.square(off))) < 84.7 / 20.0
 
 
+@pytest.mark.repeat  # beside the filter with flicker and walk of filterpy, and the simulated drives
 def test_a_stationary_real_gyro_treated_as_moving_drifts_within_sigma():
     """ADIS16405: a minute at rest, then two or five minutes in which the rate is not known to be zero."""
     path = wanted.recording("static") / "node.csv.gz"
