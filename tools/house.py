@@ -1,4 +1,4 @@
-"""Check that public class names are unique, and that functions and files are short.
+"""Check that names of public classes and of test files are unique, and that functions and files are short.
 
 Docstrings do not count towards the lengths: public functions document each parameter.
 
@@ -56,6 +56,17 @@ def _violations() -> Iterator[str]:
     for name, places in sorted(classes.items()):
         if len(places) > 1:
             yield f"class {name} is defined {len(places)} times: {', '.join(places)}"
+    yield from _equal_test_names(ROOT / "tests")
+
+
+def _equal_test_names(folder: Path) -> Iterator[str]:
+    """Yield a line for each name of several test files, which pytest cannot import beside each other."""
+    places = defaultdict(list)
+    for path in sorted(folder.rglob("test_*.py")):
+        places[path.name].append(path.parent.relative_to(folder).as_posix())
+    for name, folders in places.items():
+        if len(folders) > 1:
+            yield f"{name} is the name of {len(folders)} test files: in {', '.join(folders)}"
 
 
 def _long_functions(name: str, tree: ast.Module) -> Iterator[str]:
