@@ -93,7 +93,7 @@ def test_the_written_file_contains_a_test_on_its_log(bent_axle_case):
     ]
     process = subprocess.run(
         [*arguments, str(source), str(broken_source)],
-        env={**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
+        env={**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "PYTEST_ADDOPTS": ""},
         capture_output=True,
         text=True,
         timeout=300,
