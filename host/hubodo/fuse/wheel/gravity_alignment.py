@@ -33,7 +33,7 @@ class GravityAlignment:
     windows: list[Window] = field(default_factory=list)
 
     def is_ready(self, min_windows: int) -> bool:
-        """Return True if so many windows are gathered and contain a force."""
+        """Return True once at least `min_windows` windows are gathered and contain a force."""
         return self.count >= min_windows and self.gravity_sum != 0j
 
     def add(self, window: Window) -> None:
