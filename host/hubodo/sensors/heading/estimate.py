@@ -32,7 +32,7 @@ from hubodo.sensors.imu.quantisation import (
     find_quantisation_steps,
     rounding_sigma,
 )
-from hubodo.sensors.imu.uneven_codes import uneven_mean_sigma
+from hubodo.sensors.imu.uneven_codes import describe_uneven_codes, uneven_mean_sigma
 from hubodo.sensors.saturation import check_saturation, saturated_value
 from hubodo.sensors.standstill_channel import IMU_CHANNELS, interpolate_temperature
 
@@ -174,11 +174,9 @@ def _rounding(axis: VerticalAxis, spans: Spans, notes: list[str]) -> float:
         notes.append(describe_rounding(step, rounding))
     uneven, unevenness, step = uneven_mean_sigma(axis.raw[:, None], spans)
     if unevenness:
-        notes.append(
-            f"the codes of the gyro's converter are uneven by {unevenness:.0%} (1σ; steps of "
-            f"{math.degrees(step):.3g} deg/s): sigma includes "
-            f"{math.degrees(float(uneven[0])) * 3600.0:.3g} °/h of bias for it"
-        )
+        codes = describe_uneven_codes("gyro's", unevenness, f"{math.degrees(step):.3g} deg/s")
+        bias = math.degrees(float(uneven[0])) * 3600.0
+        notes.append(f"{codes}: sigma includes {bias:.3g} °/h of bias for it")
     return float(math.hypot(rounding, float(uneven[0])))
 
 

@@ -55,10 +55,9 @@ def uneven_code_sigma(gyro: Array, standstills: Standstills, notes: list[str]) -
         return np.zeros(3)
     result = _sigma_of_means(steps, scatter, unevenness)
     text = ", ".join(f"{math.degrees(it) * 3600.0:.3g}" for it in result)
+    codes = describe_uneven_codes("gyros'", unevenness, f"{math.degrees(float(steps.max())):.3g} deg/s")
     notes.append(
-        f"the codes of the gyros' converter are uneven by {unevenness:.0%} (1σ; steps of "
-        f"{math.degrees(float(steps.max())):.3g} deg/s), an error of the bias that is the same in all poses: "
-        f"the sigmas include {text} °/h for it"
+        f"{codes}, an error of the bias that is the same in all poses: the sigmas include {text} °/h for it"
     )
     return result
 
@@ -72,12 +71,15 @@ def widen_accelerometers(accel: Array, standstills: Standstills) -> Standstills:
     uneven, unevenness, step = uneven_mean_sigma(accel, spans)
     if not unevenness:
         return standstills
-    note = (
-        f"the codes of the accelerometers' converter are uneven by {unevenness:.0%} (1σ; steps of "
-        f"{step:.3g} m/s²): the sigmas include it"
-    )
+    codes = describe_uneven_codes("accelerometers'", unevenness, f"{step:.3g} m/s²")
+    note = f"{codes}: the sigmas include it"
     sigma = np.hypot(standstills.accel_sigma, uneven)
     return replace(standstills, accel_sigma=sigma, rejected=(*standstills.rejected, note))
+
+
+def describe_uneven_codes(owner: str, unevenness: float, step: str) -> str:
+    """Return the beginning of a remark; owner: such as "gyro's"; step: of the converter, with its unit."""
+    return f"the codes of the {owner} converter are uneven by {unevenness:.0%} (1σ; steps of {step})"
 
 
 def uneven_mean_sigma(values: Array, spans: Sequence[tuple[int, int]]) -> tuple[Array, float, float]:

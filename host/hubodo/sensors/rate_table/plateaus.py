@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hubodo.arrays import Array
 from hubodo.errors import CalibrationError, InputError
 from hubodo.sensors.imu.standstills import find_quiet_segments, mean_sigma
-from hubodo.sensors.imu.uneven_codes import uneven_mean_sigma
+from hubodo.sensors.imu.uneven_codes import describe_uneven_codes, uneven_mean_sigma
 
 SAME_RATE = 1e-3
 """Difference of two rates, relative to the largest, up to which they are one."""
@@ -108,10 +108,8 @@ def _evaluate(t: Array, gyro: Array, spans: Array, rates: Array, settle: float) 
     scatter_of_one = mean_sigma(gyro[:, None], pairs, max(4, round(0.5 / step)))[:, 0] * root_count
     uneven, unevenness, code = uneven_mean_sigma(gyro[:, None], pairs)
     if unevenness:
-        notes += (
-            f"the codes of the gyro's converter are uneven by {unevenness:.0%} (1σ; steps of "
-            f"{np.degrees(code):.3g} deg/s): the sigmas include it, once for each rate",
-        )
+        codes = describe_uneven_codes("gyro's", unevenness, f"{np.degrees(code):.3g} deg/s")
+        notes += (f"{codes}: the sigmas include it, once for each rate",)
     return _drop_slipped(
         Plateaus(
             np.array([t[i:j].mean() for i, j in pairs]),
