@@ -159,18 +159,15 @@ def test_json_output_has_one_object_per_line_with_time_level_event_and_fields(tm
     shown = record_stderr(tmp_path, seconds=11.0, rate_hz=52.0, faults=faults, log_format="json")
     entries = [json.loads(line) for line in shown.splitlines()]
     assert all(set(entry) == {"time", "level", "event", "text", "fields"} for entry in entries)
-    assert [entry["event"] for entry in entries] == [
-        "started",
-        "disconnected",
-        "status",
-        *["warning"] * (len(entries) - 4),
-        "stopped",
-    ]
-    lost, status = entries[1], entries[2]
+    # Fake nodes do not move as wheels do: when the odometry warns of that depends on the start of the clock.
+    events = [entry for entry in entries if entry["event"] != "warning"]
+    assert [entry["event"] for entry in events] == ["started", "disconnected", "status", "stopped"]
+    assert entries[-1]["event"] == "stopped" and len(entries) > len(events)
+    _, lost, status, _ = events
     assert (lost["level"], lost["fields"]["source"]) == ("warning", "left")
-    times = np.array([np.datetime64(entry["time"].removesuffix("Z")) for entry in entries])
+    times = np.array([np.datetime64(entry["time"].removesuffix("Z")) for entry in events])
     seconds = (times - times[0]) / np.timedelta64(1, "s")
-    np.testing.assert_allclose(seconds[[0, 1, 2, -1]], [0, 1, 10, 11], atol=0.15)
+    np.testing.assert_allclose(seconds, [0, 1, 10, 11], atol=0.15)
     (left, right), log = status["fields"]["nodes"], status["fields"]["log"]
     assert (left["name"], left["rate"], status["fields"]["links"][0]["where"]) == ("left", 0.0, None)
     assert right["rate"] == pytest.approx(52, rel=0.01)
