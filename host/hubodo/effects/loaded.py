@@ -66,6 +66,10 @@ def use_effects(files: Iterable[Path] = (), field: bool = False) -> None:
 
 def read_effects(path: Path) -> list[type[Effect]]:
     """Execute a Python file and return the effects that it defines. Raise ConfigError as `use_effects`."""
+    if str(path) in BY_NAME:
+        raise ConfigError(
+            f"{path}: is an effect, not a file of effects; --accept {path} adds it to the model"
+        )
     if path.suffix != ".py":
         raise ConfigError(f"{path}: name a Python file with effects, such as hubodo gap --scaffold writes")
     try:

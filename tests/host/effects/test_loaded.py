@@ -1,6 +1,7 @@
 """Effects from user files and installed packages; errors are one line."""
 
 from importlib.metadata import EntryPoint
+from pathlib import Path
 
 import pytest
 
@@ -74,6 +75,8 @@ def test_a_missing_or_non_python_file_is_refused(tmp_path):
         read_effects(tmp_path / "none.py")
     with pytest.raises(ConfigError, match="name a Python file"):
         read_effects(written(tmp_path, HUM, "hum.txt"))
+    with pytest.raises(ConfigError, match="--accept wheel_camber adds it"):
+        read_effects(Path("wheel_camber"))  # `--effect NAME` is an abbreviation of `--effects FILE.py`
 
 
 def test_names_of_new_effects_are_checked():
