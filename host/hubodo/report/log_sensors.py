@@ -139,6 +139,7 @@ def _allan(
 ) -> list[Section]:
     rows: list[tuple[str, ...]] = []
     detail: list[Section] = []
+    reasons: dict[str, list[str]] = {}
     for k, channel in enumerate(CHANNELS):
         if channel not in measured:
             continue
@@ -147,7 +148,7 @@ def _allan(
                 t, stationary[:, k].copy(), channel, temperature_step=temperature_step
             )
         except InputError as error:
-            missing.append(f"{name} {channel}: Allan deviation: {error}")
+            reasons.setdefault(f"Allan deviation: {error}", []).append(channel)
             continue
         shown = []
         for term in _SHOWN_TERMS:
@@ -168,6 +169,7 @@ def _allan(
             detail = [
                 replace(section, title=f"{name} gz: {section.title}") for section in allan_sections(result)
             ]
+    missing += _missing_of_channels(name, reasons)
     if not rows:
         return []
     heading = ("channel", "white noise N", "bias instability B", "rate random walk K")
@@ -187,6 +189,7 @@ def _warmup(
     facts: list[str],
 ) -> list[Section]:
     rows, detail = [], []
+    reasons: dict[str, list[str]] = {}
     for k, channel in enumerate(CHANNELS[:3]):
         if channel not in measured:
             continue
@@ -201,10 +204,10 @@ def _warmup(
                 node=name,
             )
         except InputError as error:
-            missing.append(f"{name} {channel}: warm-up: {error}")
+            reasons.setdefault(f"warm-up: {error}", []).append(channel)
             continue
         if result.accepted is None:
-            missing.append(f"{name} {channel}: warm-up: {result.reason}")
+            reasons.setdefault(f"warm-up: {result.reason}", []).append(channel)
         else:
             facts.append(f"{name} {channel}: {summarise_warmup(result)}")
             detail += [
@@ -212,6 +215,7 @@ def _warmup(
                 for section in warmup_sections(result)
             ]
         rows.append((channel, summarise_warmup(result)))
+    missing += _missing_of_channels(name, reasons)
     if not rows:
         return []
     text = (
@@ -220,6 +224,11 @@ def _warmup(
         else f"The node had been on for {format_duration(age)} at the start of this standstill."
     )
     return [Section(f"{name}: warm-up", text, [PageTable(("axis", "finding"), rows)]), *detail]
+
+
+def _missing_of_channels(name: str, reasons: dict[str, list[str]]) -> list[str]:
+    """Return a line for each reason why results of channels are missing; reasons: reason to channels."""
+    return [f"{name} {', '.join(channels)}: {reason}" for reason, channels in reasons.items()]
 
 
 def _poses(
@@ -237,10 +246,9 @@ def _poses(
         missing.append(f"{name}: scale and cross-axis of the triads: {error}")
         return []
     count = len(result.standstills or ())
-    facts.append(
-        f"{name}: calibrated from {count} standstills in different poses; norm of gravity "
-        f"{format_gravity_error(result.accel_held_out)}"
-    )
+    held_out = result.accel_held_out
+    check = "none held out" if held_out is None else f"norm of gravity {format_gravity_error(held_out)}"
+    facts.append(f"{name}: calibrated from {count} standstills in different poses; {check}")
     return [
         Section(f"{name}: {section.title}", section.text, section.tables, section.figures)
         for section in imu_sections(result)

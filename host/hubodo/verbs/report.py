@@ -65,7 +65,7 @@ class ReportResult:
             console.print(line, highlight=False, markup=False, soft_wrap=True)
         for line in self.missing:
             console.print(f"not shown: {line}", highlight=False, markup=False, soft_wrap=True)
-        console.print(f"{self.output}: {self.size / 1e6:.1f} MB", highlight=False)
+        console.print(f"{self.output}: {self.size / 1e3:.0f} kB", highlight=False)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
