@@ -139,7 +139,7 @@ ROWS = {
     "heading, data frame": (heading_frame, AMBIGUOUS),
     "allan, times in ms": (milliseconds("allan"), "times look like ms"),
     "warmup, times in ms": (milliseconds("warmup"), "times look like ms"),
-    "allan, a drive": (drive, "the sensor was moved in"),
+    "allan, a drive": (drive, "the sensor was moved or frozen in"),
     "allan, --start beyond the record": (beyond, "--start"),
 }
 """Function of seed and folder, and the words that a refusal must have."""

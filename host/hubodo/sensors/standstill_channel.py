@@ -12,6 +12,7 @@ from hubodo.calibration.file import find_node_serial
 from hubodo.errors import InputError
 from hubodo.log.number_recording import IMU_CHANNELS as IMU_CHANNELS
 from hubodo.recording import Recording, Table
+from hubodo.sensors.frozen_readings import check_not_frozen
 from hubodo.sensors.saturation import check_saturation
 from hubodo.sensors.standstill_checks import (
     TemperatureStep,
@@ -116,10 +117,11 @@ def read_standstill_channel(
 def _check_quiet(
     t: Array, columns: Array, values: Array, channel: str, cut: bool
 ) -> list[tuple[float, float]]:
-    """Return the disturbances to cut out; raise InputError for a saturated channel or a moved sensor."""
+    """Return the disturbances to cut out; raise InputError for a saturated, frozen or moved sensor."""
     check_saturation(values, channel)
     if cut:
         return find_cuts(t, columns, values)
+    check_not_frozen(t, values, channel)
     check_standstill(t, columns)
     return []
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.errors import InputError
+from hubodo.sensors.frozen_readings import find_frozen_spans
 
 # rad/s: noise per sample (1 sigma) of the noisiest MEMS gyros at full bandwidth, and their largest
 # zero-rate offset.
@@ -178,22 +179,22 @@ def find_disturbances(t: Array, values: Array) -> list[tuple[float, float]]:
 
 
 def find_cuts(t: Array, values: Array, channel: Array) -> list[tuple[float, float]]:
-    """Return the time spans (start, end in s) to cut: disturbances and shifted segments.
+    """Return the time spans (start, end in s) to cut: disturbances, frozen readings and shifted segments.
 
     channel: (N,) the column to be analysed. A sensor that is turned to another pose for a minute is quiet in
     between but has another mean; such a segment is cut together with the disturbances around it. Raises
     InputError if more than a quarter of the record would be cut.
     """
-    spans = find_disturbances(t, values)
+    spans = _merge_spans([*find_disturbances(t, values), *find_frozen_spans(t, channel)])
     if not spans:
         return []
     spans = _add_shifted_segments(t, channel, spans)
     cut_fraction = sum(end - start for start, end in spans) / float(t[-1] - t[0])
     if cut_fraction > _MAX_CUT_FRACTION:
         raise InputError(
-            f"the sensor was moved in {len(spans)} stretches, {cut_fraction:.0%} of the record, first from "
-            f"{spans[0][0]:.6g} s to {spans[0][1]:.6g} s: too much to cut out; select a stationary part with "
-            "--start and --end, or use --as-is"
+            f"the sensor was moved or frozen in {len(spans)} stretches, {cut_fraction:.0%} of the record, "
+            f"first from {spans[0][0]:.6g} s to {spans[0][1]:.6g} s: too much to cut out; select another "
+            "part with --start and --end, or use --as-is"
         )
     return spans
 

@@ -157,8 +157,9 @@ def _write_notes(
         cut_duration = sum(end - start for start, end in record.excluded)
         first, last = record.excluded[0]
         notes.append(
-            f"the sensor was disturbed in {_count_stretches(len(record.excluded))}, {cut_duration:.3g} s in "
-            f"total, first from {first:.6g} to {last:.6g} s: cut out and treated as gaps; --as-is keeps them"
+            f"the sensor was disturbed or frozen in {_count_stretches(len(record.excluded))}, "
+            f"{cut_duration:.3g} s in total, first from {first:.6g} to {last:.6g} s: cut out and treated "
+            "as gaps; --as-is keeps them"
         )
     if cause:
         has_white_noise = fit.terms["N"].value is not None
