@@ -24,6 +24,7 @@ from radio.wire_update import (
     UPDATE_PIECE_SIZE,
     UPDATE_START,
     UPDATE_START_FORMAT,
+    UPDATE_START_SELECT,
     UPDATE_START_SIZE,
     UPDATE_STATE,
     UPDATE_STATE_FORMAT,
@@ -46,8 +47,6 @@ _SLOTS = ("/fw_a", "/fw_b")
 _LIST = "/update.txt"
 _MAIN = "main.py"
 _NEW_MAIN = "/main.py.new"
-_SELECT = const(0xFFFFFFFF)
-"""Size in an UpdateStart that selects the firmware in `slot` as it is."""
 _IDLE_MS = const(60000)
 """Without a request for this time the node restarts with its old firmware."""
 _BLOCK = const(512)
@@ -63,7 +62,7 @@ def start(node, frame):
     update = Update(node)
     slot, size, digest = struct.unpack_from(UPDATE_START_FORMAT, frame.raw, PAYLOAD)
     if update.status == UPDATE_STATUS_IDLE and size and slot == update.slot:
-        if size == _SELECT:
+        if size == UPDATE_START_SELECT:
             update.stop_sampling()
             from radio import switch
 

@@ -347,6 +347,10 @@ class UpdateStart(Message):
     digest: bytes = declare_field("32s", "SHA-256 of the list of files")
 
 
+UPDATE_START_SELECT = 2**32 - 1
+"""Size in an UpdateStart that starts the firmware in its slot as it is."""
+
+
 @dataclass(frozen=True, slots=True)
 class UpdatePiece(Message):
     """A piece of a file, answered by UpdateState; ignored unless it is the awaited one."""

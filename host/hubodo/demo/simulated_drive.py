@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -164,7 +165,7 @@ def record_drive(
     with ExitStack() as stack:
         computer = VirtualComputer(
             lambda t_ns: report_progress(min(1.0, (t_ns - zero_ns) / NS_PER_S / duration)),
-            start_ns=start_ns,
+            start_ns=time.time_ns() if start_ns is None else start_ns,
             folder=out,
         )
         zero_ns = computer.now_ns()

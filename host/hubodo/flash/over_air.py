@@ -20,7 +20,14 @@ from hubodo.ingest.link.ports import BLE_KIND, PortName
 from hubodo.ingest.node.conversation import Conversation
 from hubodo.safe_text import json_text
 from hubowire.budget import UART_BAUD
-from hubowire.messages import Hello, UpdatePiece, UpdateStart, UpdateState, UpdateStatus
+from hubowire.messages import (
+    UPDATE_START_SELECT,
+    Hello,
+    UpdatePiece,
+    UpdateStart,
+    UpdateState,
+    UpdateStatus,
+)
 
 _UPDATE_BYTES = 235
 """Data of a piece: the largest frame that fits a datagram."""
@@ -33,8 +40,7 @@ _RESTART_TIMEOUT_S = 180.0
 """A node that is not reached for 120 s after its restart returns to its old firmware (`radio/trial.py`)."""
 _QUERY_PERIOD_S = 0.5
 _QUERY = UpdateStart(0, 0, bytes(32))
-_SELECT_SIZE = 0xFFFFFFFF
-"""Size of an UpdateStart that selects the firmware in its slot."""
+_KEY_ADVICE = "is the key file that of the node?"
 _CABLE_SETTINGS = {
     "node_id": "use `hubodo node PORT set node_id=N`",
     "key": "packets are authenticated, not secret: set it by USB",
@@ -165,9 +171,10 @@ def roll_back_over_air(
         node.any_version = True
         node.find()
         assert node.node_id is not None
-        state = _query(node, port)
-        _raise_refusal(port, state)
-        _select(node, port, state.slot)
+        state = _request_state(node, port, _QUERY, _KEY_ADVICE)
+        # A node that already runs the slot ignores the request.
+        select = UpdateStart(state.slot, UPDATE_START_SELECT, bytes(32))
+        _request_state(node, port, select, "the present firmware stays")
         report_progress(f"{port.text}: starting")
         _wait_for_slot(node, port, state.slot)
         return RolledBackBoard(port.text, node.node_id, *node.wait_identity(_SILENCE_TIMEOUT_S))
@@ -188,8 +195,7 @@ class _Update:
         self._piece_bytes = _BLE_UPDATE_BYTES if port.kind == BLE_KIND else _UPDATE_BYTES
         self.sent: set[int] = set()
         self.n_repeated = 0
-        state = _query(node, port)
-        _raise_refusal(port, state)
+        state = _request_state(node, port, _QUERY, _KEY_ADVICE)
         number = state.mpy >> 10 & 0x3F
         architecture = ARCHITECTURES[number] if number < len(ARCHITECTURES) else None
         report_progress(f"{port.text}: compiling for {architecture or 'bytecode'}")
@@ -253,23 +259,18 @@ def _wait_for_slot(node: Conversation, port: PortName, slot: int) -> None:
     )
 
 
-def _select(node: Conversation, port: PortName, slot: int) -> None:
-    """Request the start of a slot until the node answers; once it runs that slot, it ignores the request."""
+def _request_state(node: Conversation, port: PortName, request: UpdateStart, advice: str) -> UpdateState:
+    """Repeat a request until the node answers; return its state. Raise FlashError if it does not, or refuses.
+
+    advice: what to do without an answer.
+    """
     end = time.monotonic() + _SILENCE_TIMEOUT_S
     while time.monotonic() < end:
-        state = node.ask(UpdateStart(slot, _SELECT_SIZE, bytes(32)), _STATE_TIMEOUT_S)
+        state = node.ask(request, _STATE_TIMEOUT_S)
         if state is not None:
-            return _raise_refusal(port, state)
-    raise FlashError(f"{port.text}: no answer for {_SILENCE_TIMEOUT_S:.0f} s; the present firmware stays")
-
-
-def _query(node: Conversation, port: PortName) -> UpdateState:
-    end = time.monotonic() + _SILENCE_TIMEOUT_S
-    while time.monotonic() < end:
-        state = node.ask(_QUERY, _QUERY_PERIOD_S)
-        if state is not None:
+            _raise_refusal(port, state)
             return state
-    raise FlashError(f"{port.text}: no answer; is the key file that of the node?")
+    raise FlashError(f"{port.text}: no answer for {_SILENCE_TIMEOUT_S:.0f} s; {advice}")
 
 
 def _raise_refusal(port: PortName, state: UpdateState) -> None:

@@ -22,6 +22,7 @@ from hubodo.units import NS_PER_S
 
 _TIME_STEP_NS = NS_PER_S // 100
 _RETRY_INTERVAL_NS = NS_PER_S // 20
+_START_NS = 1_790_000_000 * NS_PER_S  # in September 2026; the same in each run, so that a run can be repeated
 _TERMINAL_TIMEOUT_S = 20.0
 """Real time for bytes written on one side of a terminal to become readable on the other."""
 
@@ -53,15 +54,15 @@ class VirtualComputer:
         self,
         on_step: Callable[[int], None] = lambda t_ns: None,
         *,
-        start_ns: int | None = None,
+        start_ns: int = _START_NS,
         folder: Path | None = None,
     ) -> None:
         """Start without devices.
 
-        on_step: called with the virtual time, ns, after each step. start_ns: initial time, None for the wall
-        clock. folder: devices in it are logged by file name only, so that no path of this computer is logged.
+        on_step: called with the virtual time, ns, after each step. start_ns: initial time. folder: devices in it
+        are logged by file name only, so that no path of this computer is logged.
         """
-        self._now_ns = time.time_ns() if start_ns is None else start_ns
+        self._now_ns = start_ns
         self._on_step = on_step
         self._folder = folder
         self._devices: list[Device] = []
