@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from hubodo.effects import BY_NAME
+from hubodo.gap.judge.comparison import share_between_scopes
 from hubodo.gap.judge.hypothesis import Hypothesis
-from hubodo.gap.judge.round import judge_round, share_between_scopes
+from hubodo.gap.judge.round import judge_round
 from hubodo.gap.judge.search import build_initial_state
 from hubodo.gap.problem.build import build_problem
 from hubodo.gap.process_noise.evaluation import Evaluation
