@@ -12,7 +12,7 @@ import pytest
 from generators import wheel_drives
 from hubodo.fuse.wheel.calibration.held_out import ErrorSummary, HeldOutErrors
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
-from hubodo.fuse.wheel.samples import WheelSample
+from hubodo.fuse.wheel.preintegration import WheelSample
 from hubodo.fuse.wheel.track import WheelRun, WheelTrack
 from hubodo.fuse.wheel.window import WINDOW_S
 from hubodo.recording import Table

@@ -1,4 +1,4 @@
-"""Array type that all modules use, and sine and cosine of arrays."""
+"""Array type that all modules use, sine and cosine of arrays, and runs of flags."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,3 +17,9 @@ def sin_cos(angle: Array) -> tuple[Array, Array]:
     square = t * t
     scale = 1.0 / (1.0 + square)
     return 2.0 * t * scale, (1.0 - square) * scale
+
+
+def find_runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return the index range [first, end) of each run of True values."""
+    edges = np.flatnonzero(np.diff(flags.astype(np.int8), prepend=0, append=0)).tolist()
+    return list(zip(edges[::2], edges[1::2], strict=True))

@@ -17,7 +17,7 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 from generators.outages import MEANWHILE, drive_with_outage, paused_drive  # noqa: E402
 from generators.wheel_drives import WheelDrive  # noqa: E402
 from hubodo.fuse.wheel.filter import WheelFilter  # noqa: E402
-from hubodo.fuse.wheel.samples import WheelSample  # noqa: E402
+from hubodo.fuse.wheel.preintegration import WheelSample  # noqa: E402
 from hubodo.fuse.wheel.track import run_wheel_filter  # noqa: E402
 from script_arguments import script_parser  # noqa: E402
 from wheel_runs import BOTH, config, pose_error, tables  # noqa: E402

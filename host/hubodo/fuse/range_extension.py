@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
 from hubodo.fuse.ranges import HIGH_G_NOISE_DENSITY
-from hubodo.fuse.wheel.samples import BEYOND_RANGE
+from hubodo.fuse.wheel.preintegration import BEYOND_RANGE
 from hubodo.recording import Table
 
 MAX_DELAY = 0.3

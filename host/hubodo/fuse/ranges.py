@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from hubodo.arrays import Array
+from hubodo.arrays import Array, find_runs
 from hubodo.earth import STANDARD_GRAVITY
-from hubodo.fuse.wheel.node_screening import find_runs
 from hubodo.recording import Table
 from hubodo.vehicle import NodeMount
 
@@ -160,7 +159,7 @@ def _find_clipping_level(magnitudes: Array, kind: str) -> float | None:
         equals_previous = np.append(False, channel[1:] == channel[:-1])
         others = ~at_maximum & np.append(False, ~at_maximum[:-1])
         repeats = np.count_nonzero(equals_previous & others) / (1 + np.count_nonzero(others))
-        longest_run = max((last - first + 1 for first, last in find_runs(at_maximum)), default=0)
+        longest_run = max((end - first for first, end in find_runs(at_maximum)), default=0)
         is_pile = np.count_nonzero(at_maximum) >= _MIN_CLIPPED_SAMPLES and longest_run >= _MIN_CLIPPED_RUN
         if is_pile and repeats < _MAX_REPEAT_FRACTION:
             clipping_levels.append(maximum)

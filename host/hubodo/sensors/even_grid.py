@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from hubodo.arrays import Array
+from hubodo.arrays import Array, find_runs
 from hubodo.errors import InputError
 
 BoolArray = NDArray[np.bool_]
@@ -211,10 +211,7 @@ def _find_outliers(values: Array) -> BoolArray:
     # quantisation.
     threshold = 1.25 * -float(ndtri(0.005 / count)) * spread + _quantisation_step(values)
     is_outlier = np.abs(residual) > threshold
-    if not is_outlier.any():
-        return is_outlier
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], is_outlier.astype(np.int8), [0]))))
-    for start, end in zip(edges[::2], edges[1::2], strict=True):
+    for start, end in find_runs(is_outlier):
         if end - start > _MAX_OUTLIER_RUN:
             is_outlier[start:end] = False
     return is_outlier

@@ -7,7 +7,7 @@ import pytest
 
 from hubodo.fuse.graph.factor_graph import FactorGraph
 from hubodo.fuse.graph.factors.constants import N_CONSTANTS
-from hubodo.fuse.graph.factors.factor import find_runs
+from hubodo.fuse.graph.factors.factor import find_bridged_runs
 from hubodo.fuse.graph.factors.position import PositionFactors
 from hubodo.fuse.graph.review import estimate_sigma_growth, review_solution
 
@@ -130,7 +130,7 @@ def test_a_graph_that_has_not_converged_is_reported():
 
 def test_a_run_of_outliers_bridges_two_inliers():
     def runs_of(*flags):
-        return find_runs(np.array(flags, bool))
+        return find_bridged_runs(np.array(flags, bool))
 
     assert runs_of(0, 0, 0) == []
     assert runs_of(0, 1, 0, 0, 1, 1, 0) == [(1, 5)]

@@ -11,7 +11,7 @@ from generators.wheel_drives import GRAVITY
 from hubodo.fuse.range_extension import MAX_DELAY, RangeExtension, extend_table
 from hubodo.fuse.ranges import uncorrected_accel_limit
 from hubodo.fuse.wheel.filter import WheelFilter
-from hubodo.fuse.wheel.samples import BEYOND_RANGE, sample_block
+from hubodo.fuse.wheel.preintegration import BEYOND_RANGE, sample_block
 from hubodo.fuse.wheel_odometry import compute_wheel_odometry
 from hubodo.ingest.live.odometer import Odometer
 from hubodo.ingest.replay.playback import Playback, to_messages

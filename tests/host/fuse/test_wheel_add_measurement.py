@@ -19,7 +19,7 @@ RUNS = """
 import json
 from dataclasses import replace
 from hubodo.fuse.wheel.filter import WheelFilter
-from hubodo.fuse.wheel.samples import WheelSample
+from hubodo.fuse.wheel.preintegration import WheelSample
 from hubodo.fuse.wheel.measurements import MEASUREMENTS
 from hubodo.fuse.wheel.motion_state import MotionState
 from wheel_runs import config, short_loop

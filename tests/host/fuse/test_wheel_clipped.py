@@ -14,8 +14,7 @@ from generators.wheel_drives import WheelDrive
 from hubodo.fuse.wheel.entries import LEVER_ARM_X, LEVER_ARM_Y, MISALIGNMENT_X, MISALIGNMENT_Y
 from hubodo.fuse.wheel.filter import WheelFilter
 from hubodo.fuse.wheel.measurements.steady import GRAVITY_SPEED_SIGMA, ONE_AXIS_SPEED_SIGMA
-from hubodo.fuse.wheel.preintegration import WindowBuilder
-from hubodo.fuse.wheel.samples import WheelSample
+from hubodo.fuse.wheel.preintegration import WheelSample, WindowBuilder
 from hubodo.fuse.wheel.spin_search import SpinTracker, find_spin, rederotate_window
 from hubodo.fuse.wheel.track import run_wheel_filter
 from hubodo.fuse.wheel.window import Window

@@ -12,7 +12,7 @@ from generators import wheel_drives
 from hubodo.calibration.file import Quantity
 from hubodo.fuse.wheel.entries import TIME_OFFSET
 from hubodo.fuse.wheel.filter import WheelFilter
-from hubodo.fuse.wheel.samples import WheelSample
+from hubodo.fuse.wheel.preintegration import WheelSample
 from hubodo.fuse.wheel.track import WheelTrack, run_wheel_filter, track_from_poses
 from wheel_runs import (
     BOTH,

@@ -8,7 +8,7 @@ import pytest
 from accuracy import slip
 from hubodo.fuse.wheel.filter import ALIGNMENT_WINDOWS
 from hubodo.fuse.wheel.fixed_lag import smooth_with_lag
-from hubodo.fuse.wheel.slip_schedule import SlipSchedule
+from hubodo.fuse.wheel.records import SlipSchedule
 from hubodo.fuse.wheel.smoother import run_second_pass, smooth_whole_log
 from hubodo.fuse.wheel.track import run_wheel_filter, track_from_poses
 from hubodo.recording import Table

@@ -28,8 +28,8 @@ from hubodo.fuse.wheel.entries import (
 from hubodo.fuse.wheel.filter import WheelFilter
 from hubodo.fuse.wheel.live_state import SampleRates, rates_from_sample
 from hubodo.fuse.wheel.motion_state import MotionState
+from hubodo.fuse.wheel.preintegration import WheelSample
 from hubodo.fuse.wheel.records import Pose
-from hubodo.fuse.wheel.samples import WheelSample
 
 R, TRACK, EARTH, LIMIT = 0.3, 0.6, 3e-3, 34.0
 SPEED, YAW_RATE, LEAN, ANGLE = 1.7, 0.8, 0.15, 1.1

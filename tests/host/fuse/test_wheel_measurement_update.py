@@ -16,7 +16,7 @@ from hubodo.fuse.wheel.measurements import BETWEEN_WHEELS, MEASUREMENTS
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.mounting_check import inflate_outlier_variances, track_width_test
 from hubodo.fuse.wheel.state_vector import InitialState, initial_state
-from hubodo.fuse.wheel.wheel_mode import WheelMode
+from hubodo.fuse.wheel.wheel import WheelMode
 from hubodo.fuse.wheel.window import WINDOW_S, Window
 
 ROWS, ROWS_BETWEEN = len(MEASUREMENTS), len(BETWEEN_WHEELS)

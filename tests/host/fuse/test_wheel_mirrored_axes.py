@@ -10,7 +10,7 @@ from generators import fault_drives, wheel_drives
 from hubodo.errors import CalibrationError
 from hubodo.fuse.wheel.calibration.calibrate import calibrate_wheels
 from hubodo.fuse.wheel.calibration.positions import Positions
-from hubodo.fuse.wheel.mirrored_axes import is_mirrored
+from hubodo.fuse.wheel.node_screening import is_mirrored
 from hubodo.fuse.wheel.track import run_wheel_filter
 from wheel_runs import BOTH, config, end_error, short_loop, tables
 

@@ -13,7 +13,7 @@ from hubodo.fuse.wheel.measurements import (
     sideways,
     yaw,
 )
-from hubodo.fuse.wheel.wheel_mode import WheelMode, select_mode, usage_by_mode
+from hubodo.fuse.wheel.wheel import WheelMode, select_mode, usage_by_mode
 
 ROLLING, DISTRUSTED, SLIPPING, UNKNOWN, LOST, OUTAGE, DISABLED = WheelMode
 

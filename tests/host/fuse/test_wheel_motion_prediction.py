@@ -28,7 +28,7 @@ from hubodo.fuse.wheel.measurements import WindowNoise
 from hubodo.fuse.wheel.motion_prediction import MotionPrediction, detect_wheel_motion, vehicle_motion
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.state_vector import InitialState
-from hubodo.fuse.wheel.wheel_mode import WheelMode
+from hubodo.fuse.wheel.wheel import WheelMode
 from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, Window
 from wheel_runs import BOTH
 from wheel_windows import Pairs, make_vehicle, random_state, replace_windows

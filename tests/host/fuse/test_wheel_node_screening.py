@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hubodo.fuse.wheel.node_screening import find_own_gaps, find_runs, screen_samples
+from hubodo.fuse.wheel.node_screening import find_own_gaps, screen_samples
 from hubodo.recording import Table
 
 STEP = 1.0 / 128.0
@@ -130,8 +130,3 @@ def test_a_common_gap_of_two_tables_is_not_an_own_gap():
     assert find_own_gaps([left]) == [pytest.approx([3.0, 8.0, 12.0])]
     for step, count in ((0.079, 0), (0.081, 1)):
         assert len(find_own_gaps([node_table(np.array([0.0, 0.05, 0.05 + step]))])[0]) == count
-
-
-def test_runs_are_the_first_and_last_index_of_consecutive_flags():
-    assert find_runs(np.array([1, 1, 0, 1, 0, 0, 1], bool)) == [(0, 1), (3, 3), (6, 6)]
-    assert find_runs(np.zeros(3, bool)) == []

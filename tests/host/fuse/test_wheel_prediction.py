@@ -11,8 +11,8 @@ from hubodo.fuse.wheel.entries import CAMBER, SPEED, WHEEL_ANGLE
 from hubodo.fuse.wheel.motion_prediction import MotionPrediction
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.state_vector import initial_state
+from hubodo.fuse.wheel.wheel import WheelMode
 from hubodo.fuse.wheel.wheel_counts import WheelCounts
-from hubodo.fuse.wheel.wheel_mode import WheelMode
 from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, Window
 
 FORWARD = 0.4

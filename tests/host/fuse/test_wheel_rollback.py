@@ -12,8 +12,8 @@ from scipy.stats import chi2
 
 from accuracy.slip import CASES, fuse_with_fixes, make_drive
 from hubodo.fuse.wheel.entries import HEADING, SPEED, X, Y
+from hubodo.fuse.wheel.records import SlipSchedule
 from hubodo.fuse.wheel.slip_monitor import SlipMonitor
-from hubodo.fuse.wheel.slip_schedule import SlipSchedule
 from hubodo.fuse.wheel.track import WheelTrack, run_wheel_filter
 from repetitions import first_and_more
 from wheel_runs import config, pose_error, tables

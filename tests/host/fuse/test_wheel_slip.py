@@ -11,7 +11,7 @@ from accuracy.slip import CASES, careless_outcome, count_real_alarms, make_drive
 from generators import mixed_drives
 from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.filter import WheelFilter
-from hubodo.fuse.wheel.samples import WheelSample
+from hubodo.fuse.wheel.preintegration import WheelSample
 from hubodo.fuse.wheel.slip_detector import ForwardResidual, SlipDetector
 from hubodo.fuse.wheel.state_vector import initial_state
 from hubodo.fuse.wheel.track import run_wheel_filter, track_from_poses

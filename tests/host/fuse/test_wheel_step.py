@@ -9,7 +9,7 @@ from hubodo.fuse.wheel.entries import MISALIGNMENT_X, MISALIGNMENT_Y
 from hubodo.fuse.wheel.filter import WheelFilter
 from hubodo.fuse.wheel.filter_core import FilterCore
 from hubodo.fuse.wheel.track import run_wheel_filter
-from hubodo.fuse.wheel.wheel_mode import WheelMode
+from hubodo.fuse.wheel.wheel import WheelMode
 from hubodo.fuse.wheel.window import WINDOW_S, Window
 from wheel_runs import BOTH, config, sample_columns, short_loop, tables
 

@@ -12,7 +12,7 @@ from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.fuse.graph.config import GraphConfig
 from hubodo.fuse.graph.factors.between import ComplexArray
-from hubodo.fuse.graph.factors.factor import find_runs
+from hubodo.fuse.graph.factors.factor import find_bridged_runs
 from hubodo.fuse.graph.factors.position import PositionFactors
 from hubodo.fuse.graph.odometry_steps import SegmentedOdometry
 from hubodo.fuse.projection import MAX_DISTANCE_FROM_ORIGIN, LocalFrame, make_local_frame
@@ -194,7 +194,7 @@ def screen_fixes(path: Track, fixes: LocalFixes) -> tuple[LocalFixes, float, lis
             f"gnss: the fixes scatter {scatter:.1f} times as much as their sigma says; it was widened"
         )
     keep = find_consistent_fixes(fixes.position, distance, fixes.sigma)
-    for first, last in find_runs(~keep):
+    for first, last in find_bridged_runs(~keep):
         before = max(first - 1, 0) if first > 0 else last + 1
         jump = float(np.abs(fixes.position[first] - fixes.position[before]))
         new_warnings.append(

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.filter_core import FilterCore
 from hubodo.fuse.wheel.live_state import LiveExtrapolation
-from hubodo.fuse.wheel.preintegration import WindowBuilder
+from hubodo.fuse.wheel.preintegration import SampleBlock, WheelSample, WindowBuilder
 from hubodo.fuse.wheel.records import Pose, SmoothingTerms, StepInput
-from hubodo.fuse.wheel.samples import SampleBlock, WheelSample
 from hubodo.fuse.wheel.surface_speeds import SurfaceSpeeds
 from hubodo.fuse.wheel.thresholds import SETTLING_WINDOWS
 from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOWS_PER_SECOND, Window

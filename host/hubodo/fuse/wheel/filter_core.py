@@ -25,6 +25,7 @@ from hubodo.fuse.wheel.records import (
     POSE_ENTRIES,
     History,
     Pose,
+    SlipSchedule,
     SmoothingTerms,
     StepInput,
     StepRecord,
@@ -32,7 +33,6 @@ from hubodo.fuse.wheel.records import (
     common_scale_covariance,
 )
 from hubodo.fuse.wheel.slip_monitor import HISTORY_WINDOWS, SlipMonitor
-from hubodo.fuse.wheel.slip_schedule import SlipSchedule
 from hubodo.fuse.wheel.state_vector import ExternalCorrection, StateReset, initial_state
 from hubodo.fuse.wheel.thresholds import GATE_SIGMA
 from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, WINDOWS_PER_SECOND, Window

@@ -20,11 +20,11 @@ from hubodo.fuse.wheel.records import (
     POSE_ENTRIES,
     MeasurementTerms,
     Pose,
+    SlipSchedule,
     SmoothingTerms,
     StateChange,
     StepInput,
 )
-from hubodo.fuse.wheel.slip_schedule import SlipSchedule
 
 
 class FixedLagSmoother:

@@ -25,8 +25,8 @@ from hubodo.fuse.wheel.entries import (
 )
 from hubodo.fuse.wheel.filter_core import FilterCore
 from hubodo.fuse.wheel.motion_state import MotionState
+from hubodo.fuse.wheel.preintegration import WheelSample
 from hubodo.fuse.wheel.records import Pose
-from hubodo.fuse.wheel.samples import WheelSample
 from hubodo.fuse.wheel.wheel import Wheel
 from hubodo.vehicle import facing_sign
 

@@ -10,7 +10,7 @@ from hubodo.arrays import Array
 from hubodo.fuse.wheel import measurements
 from hubodo.fuse.wheel.entries import StateLayout
 from hubodo.fuse.wheel.measurements import Measurement
-from hubodo.fuse.wheel.wheel_mode import WheelMode, usage_by_mode
+from hubodo.fuse.wheel.wheel import WheelMode, usage_by_mode
 from hubodo.fuse.wheel.window import Window
 
 

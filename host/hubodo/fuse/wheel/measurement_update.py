@@ -38,8 +38,7 @@ from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.records import MeasurementTerms, WheelWindows
 from hubodo.fuse.wheel.slip_detector import ForwardResidual
 from hubodo.fuse.wheel.thresholds import GATE_SIGMA
-from hubodo.fuse.wheel.wheel import Wheel
-from hubodo.fuse.wheel.wheel_mode import WheelMode
+from hubodo.fuse.wheel.wheel import Wheel, WheelMode
 from hubodo.fuse.wheel.window import WINDOW_S
 
 _GAP_VARIANCE_FACTOR = 1e4

@@ -6,7 +6,7 @@ from hubodo.fuse.wheel.entries import X, Y
 from hubodo.fuse.wheel.measurement_update import UpdateResult
 from hubodo.fuse.wheel.mounting_check import BOTH_WHEELS, MountingCheck
 from hubodo.fuse.wheel.records import WheelWindows
-from hubodo.fuse.wheel.wheel_mode import WheelMode
+from hubodo.fuse.wheel.wheel import WheelMode
 from hubodo.fuse.wheel.window_processor import WindowProcessor
 
 

@@ -1,17 +1,22 @@
-"""Checks of wheel nodes before filtering: units and overlap of times, frozen sensors, clocks set back."""
+"""Checks of wheel nodes before filtering: times, frozen sensors, clocks set back, mirrored axes."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import combinations, pairwise
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hubodo.arrays import Array
+from hubodo.arrays import Array, find_runs
+from hubodo.earth import STANDARD_GRAVITY
 from hubodo.errors import InputError
+from hubodo.fuse.wheel.config import WheelConfig, WheelNode
+from hubodo.fuse.wheel.gravity_rotation import MAX_GRAVITY_RATIO
 from hubodo.fuse.wheel.preintegration import MAX_SAMPLE_STEP
+from hubodo.fuse.wheel.thresholds import MIN_ROLLING_RATE
 from hubodo.recording import Table
+from hubodo.vehicle import facing_sign
 
 _MIN_SAMPLE_STEP_S = 1.0 / 7000.0
 """s between samples at 7 kHz; the fastest rate of an LSM6DS33 is 6.66 kHz."""
@@ -33,6 +38,9 @@ records.
 
 Two records mixed one to one take half of the usual duration. Estimated.
 """
+
+_MIN_BLOCKS, _MAX_BLOCKS = 5, 200
+"""Wheel turns required for a verdict on mirrored axes, and those used at most. Estimated."""
 
 
 def check_times(nodes: Mapping[str, Table], log: str) -> None:
@@ -83,8 +91,8 @@ def screen_samples(nodes: Mapping[str, Table]) -> tuple[dict[str, Table], tuple[
                 "not one bit of its samples changed while the other wheel turned: it froze",
             ),
         ):
-            for first, last in find_runs(is_rejected):
-                span = f"from t = {table.t[first]:.1f} to {table.t[last]:.1f} s"
+            for first, end in find_runs(is_rejected):
+                span = f"from t = {table.t[first]:.1f} to {table.t[end - 1]:.1f} s"
                 lines.append(f"{name}: {span} {reason}; left out, sigmas grow there")
         is_accepted = ~(interleaved | frozen)
         screened[name] = table if is_accepted.all() else _select(table, is_accepted)
@@ -114,17 +122,17 @@ def _find_frozen(table: Table, others: list[Table]) -> NDArray[np.bool_]:
     mask = np.zeros(len(table), np.bool_)
     rows = np.hstack([table.gyro, table.accel])
     is_repeated = np.append(False, (rows[1:] == rows[:-1]).all(axis=1))
-    for first, last in find_runs(is_repeated):
-        start, end = table.t[first], table.t[last]
-        if end - start < _MIN_FROZEN_S:
+    for first, end in find_runs(is_repeated):
+        start_t, end_t = table.t[first], table.t[end - 1]
+        if end_t - start_t < _MIN_FROZEN_S:
             continue
         for other in others:
-            is_simultaneous = (other.t >= start) & (other.t <= end)
+            is_simultaneous = (other.t >= start_t) & (other.t <= end_t)
             if (
                 np.count_nonzero(is_simultaneous) > 2
                 and other.gyro[is_simultaneous].std(axis=0).max() > _MIN_OTHER_RATE_SPREAD
             ):
-                mask[first : last + 1] = True
+                mask[first:end] = True
     return mask
 
 
@@ -145,7 +153,67 @@ def _find_interleaved(t: Array) -> NDArray[np.bool_]:
     return mask
 
 
-def find_runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return first and last index of each run of True values."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
-    return [(first, end - 1) for first, end in list(pairwise(edges.tolist()))[::2]]
+def correct_mirrored_axes(
+    config: WheelConfig, nodes: Mapping[str, Table]
+) -> tuple[dict[str, Table], tuple[str, ...]]:
+    """Return the nodes, with y negated where axes are mirrored, and a warning for each mirrored node.
+
+    Exchanged x and y, or one of them negated, are the same mirror image up to the wheel angle, which is
+    initialised from gravity.
+    """
+    corrected, warnings = dict(nodes), []
+    for name, node in config.nodes.items():
+        table = nodes.get(name)
+        if table is None or not is_mirrored(node, table):
+            continue
+        columns = dict(table.columns)
+        columns |= {key: -columns[key] for key in ("gy", "ay")}
+        corrected[name] = Table(columns)
+        warnings.append(
+            f"{name}: gravity rotates against gz: x and y of the node are exchanged, or one of them is "
+            "negated; y is negated here. Correct the axes of the node or its driver"
+        )
+    return corrected, tuple(warnings)
+
+
+def is_mirrored(node: WheelNode, table: Table) -> bool:
+    """Return True if gravity in ax, ay rotates against gz."""
+    t, spin = table.t, facing_sign(node.facing) * table.gyro[:, 2]
+    force = table.accel[:, 0] + 1j * facing_sign(node.facing) * table.accel[:, 1]
+    angle = np.concatenate([[0.0], np.cumsum(0.5 * (spin[1:] + spin[:-1]) * np.diff(t))])
+    coherence = [
+        _rotating_forces(angle[block], force[block]) for block in _blocks(t, angle, spin, node.gyro_limit)
+    ]
+    if len(coherence) < _MIN_BLOCKS:
+        return False
+    forward, backward = np.median(coherence, axis=0)
+    # However unequal the scales of both axes are, (sx + sy) / 2 is not below |sx - sy| / 2.
+    return bool(backward > max(STANDARD_GRAVITY / MAX_GRAVITY_RATIO, forward))
+
+
+def _blocks(t: Array, angle: Array, spin: Array, gyro_limit: float) -> list[slice]:
+    """Return the slices of samples, without gaps, of one wheel turn each.
+
+    In a whole turn constant forces and the centripetal force of a steady spin average out.
+    """
+    blocks: list[slice] = []
+    start = 0
+    turned = 2.0 * np.pi
+    while start < len(t) - 1 and len(blocks) < _MAX_BLOCKS:
+        end = start + int(np.argmax(np.abs(angle[start:] - angle[start]) >= turned))
+        if end == start:
+            break
+        duration = t[end] - t[start]
+        is_clipped = bool(np.any(np.abs(spin[start:end]) >= gyro_limit))
+        has_gap = bool(np.max(np.diff(t[start : end + 1])) > 0.25 * duration)
+        if turned / duration > MIN_ROLLING_RATE and not is_clipped and not has_gap:
+            blocks.append(slice(start, end))
+        start = end
+    return blocks
+
+
+def _rotating_forces(angle: Array, force: Array) -> tuple[float, float]:
+    """Return the sizes of the forces that rotate with the gyro and against it, m/s²."""
+    force = force - force.mean()
+    turn = np.exp(1j * angle)
+    return float(np.abs(np.mean(force * turn))), float(np.abs(np.mean(force * turn.conj())))

@@ -17,8 +17,7 @@ from hubodo.fuse.wheel.outage_bridge import OutageBridge, OutageEnd
 from hubodo.fuse.wheel.outage_log import OutageLog
 from hubodo.fuse.wheel.outage_model import OutageModel
 from hubodo.fuse.wheel.outage_recovery import OutageRecovery
-from hubodo.fuse.wheel.records import History, StateTransition, StepRecord, WheelWindows
-from hubodo.fuse.wheel.slip_schedule import SlipSchedule
+from hubodo.fuse.wheel.records import History, SlipSchedule, StateTransition, StepRecord, WheelWindows
 from hubodo.fuse.wheel.state_vector import InitialState, StateReset
 from hubodo.fuse.wheel.window import WINDOW_S, WINDOWS_PER_SECOND
 from hubodo.fuse.wheel.window_processor import WindowProcessor

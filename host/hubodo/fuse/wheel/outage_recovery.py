@@ -15,8 +15,7 @@ from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.outage_bridge import MAX_BRIDGED_OUTAGE_S, OutageEnd
 from hubodo.fuse.wheel.records import WheelWindows
 from hubodo.fuse.wheel.thresholds import DETECTION_WINDOWS
-from hubodo.fuse.wheel.wheel import MAX_WHEEL_SKEW_WINDOWS, Wheel
-from hubodo.fuse.wheel.wheel_mode import WheelMode
+from hubodo.fuse.wheel.wheel import MAX_WHEEL_SKEW_WINDOWS, Wheel, WheelMode
 from hubodo.fuse.wheel.window import WINDOW_S, Window
 
 

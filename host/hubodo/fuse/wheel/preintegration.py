@@ -1,4 +1,4 @@
-"""Cut the samples of one node into windows."""
+"""The samples of one node, and how they are cut into windows."""
 
 from __future__ import annotations
 
@@ -9,7 +9,36 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.integrals import CZ, GZ, MISSING, SAMPLE_ROWS, WI, WR, build_windows, integrands
 from hubodo.fuse.wheel.window import WINDOW_S, Window, slice_samples
+from hubodo.recording import Table
 from hubodo.vehicle import Facing, facing_sign
+
+
+@dataclass(frozen=True, slots=True)
+class WheelSample:
+    """One sample of a node. t: s on the log's clock; gyro: rad/s, accel: m/s², node axes, finite.
+
+    beyond_range: 1.0 where a second accelerometer replaced saturated values, else 0.0.
+    """
+
+    node: str
+    t: float
+    gyro: tuple[float, float, float]
+    accel: tuple[float, float, float]
+    beyond_range: float = 0.0
+
+
+BEYOND_RANGE = "beyond_range"
+"""Column of a node's table with `WheelSample.beyond_range`; missing if it is always 0."""
+
+SampleBlock = tuple[Array, Array, Array] | tuple[Array, Array, Array, Array]
+"""Samples of a node: t (N,) s, gyro (N, 3) rad/s, accel (N, 3) m/s², and optionally `BEYOND_RANGE` (N,)."""
+
+
+def sample_block(table: Table) -> SampleBlock:
+    """Return the samples of a node's table for `WheelFilter.handle_many`."""
+    samples = table.t, table.gyro, table.accel
+    return (*samples, table[BEYOND_RANGE]) if BEYOND_RANGE in table else samples
+
 
 MAX_BRIDGED_GAP = 0.8
 """s between samples up to which a gap is interpolated linearly; a longer gap is a pause.

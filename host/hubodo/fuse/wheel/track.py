@@ -15,10 +15,9 @@ from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.drive_report import WheelReport, build_report, rolled_mostly_backwards
 from hubodo.fuse.wheel.filter import ALIGNMENT_WINDOWS, WheelFilter
 from hubodo.fuse.wheel.fixed_lag import smooth_with_lag
-from hubodo.fuse.wheel.mirrored_axes import correct_mirrored_axes
-from hubodo.fuse.wheel.node_screening import find_own_gaps
+from hubodo.fuse.wheel.node_screening import correct_mirrored_axes, find_own_gaps
+from hubodo.fuse.wheel.preintegration import sample_block
 from hubodo.fuse.wheel.records import Pose, StepInput, common_scale_covariance
-from hubodo.fuse.wheel.samples import sample_block
 from hubodo.fuse.wheel.surface_speeds import SurfaceSpeeds
 from hubodo.fuse.wheel.window import WINDOW_S, WINDOWS_PER_SECOND
 from hubodo.recording import Table

@@ -14,11 +14,9 @@ from hubodo.fuse.wheel.motion_prediction import MotionPrediction, vehicle_motion
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.mounting_check import track_width_test
 from hubodo.fuse.wheel.rate_beyond_range import reset_misaligned_angle
-from hubodo.fuse.wheel.records import History, StateTransition, WheelWindows
-from hubodo.fuse.wheel.slip_schedule import SlipSchedule
+from hubodo.fuse.wheel.records import History, SlipSchedule, StateTransition, WheelWindows
 from hubodo.fuse.wheel.state_vector import ExternalCorrection, InitialState, StateVector
-from hubodo.fuse.wheel.wheel import Wheel
-from hubodo.fuse.wheel.wheel_mode import WheelMode
+from hubodo.fuse.wheel.wheel import Wheel, WheelMode
 from hubodo.fuse.wheel.window import Window
 
 

@@ -22,8 +22,8 @@ from hubodo.fuse.ranges import NodeRanges, determine_ranges, uncorrected_accel_l
 from hubodo.fuse.wheel.config import WheelConfig, wheel_config
 from hubodo.fuse.wheel.entries import GYRO_BIAS_X, GYRO_BIAS_Y, GYRO_BIAS_Z
 from hubodo.fuse.wheel.filter import WheelFilter
+from hubodo.fuse.wheel.preintegration import WheelSample
 from hubodo.fuse.wheel.records import Pose
-from hubodo.fuse.wheel.samples import WheelSample
 from hubodo.fuse.wheel.surface_speeds import SurfaceSpeedAverager, SurfaceSpeeds
 from hubodo.fuse.wheel.window import WINDOW_S
 from hubodo.ingest.live.block_extension import BlockExtension

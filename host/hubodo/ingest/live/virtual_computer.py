@@ -59,8 +59,8 @@ class VirtualComputer:
     ) -> None:
         """Start without devices.
 
-        on_step: called with the virtual time, ns, after each step. start_ns: initial time. folder: devices in it
-        are logged by file name only, so that no path of this computer is logged.
+        on_step: called with the virtual time, ns, after each step. start_ns: initial time. folder: devices in
+        it are logged by file name only, so that no path of this computer is logged.
         """
         self._now_ns = start_ns
         self._on_step = on_step

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hubodo.arrays import Array
+from hubodo.arrays import Array, find_runs
 from hubodo.errors import InputError
 from hubodo.sensors.north.averages import Averages, average_spans
 from hubodo.sensors.north.axis_record import AxisRecord
@@ -173,8 +173,7 @@ def _steady_spans(
     spans = []
     for direction in (1.0, -1.0):
         steady = covered & moving & (np.abs(direction * spin - usual) <= _STEADY_SHARE * usual)
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], steady, [False]]).astype(np.int8)))
-        spans += list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+        spans += find_runs(steady)
     cut = round(_EDGE_CUT_S / step)
     last = len(t)
     trimmed = [(i + cut if i else i, j - cut if j < last else j) for i, j in sorted(spans)]

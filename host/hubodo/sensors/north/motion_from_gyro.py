@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
-from hubodo.arrays import Array
+from hubodo.arrays import Array, find_runs
 from hubodo.errors import InputError
 from hubodo.sensors.north.stops import TableMotion
 
@@ -185,12 +185,6 @@ def _estimate_mode(values: Array) -> float:
         return float(np.median(ordered))
     at = int((ordered[count:] - ordered[:-count]).argmin())
     return float(ordered[at : at + count].mean())
-
-
-def find_runs(mask: Mask) -> list[tuple[int, int]]:
-    """Return the index range [first, end) of each run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def _bridge_gaps(moving: Mask, width: int) -> Mask:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hubodo.arrays import Array
+from hubodo.arrays import Array, find_runs
 from hubodo.earth import EARTH_RATE
 from hubodo.errors import InputError
 from hubodo.sensors.north.stops import TableMotion
@@ -122,8 +122,7 @@ def confirm_turn_sense(mount: AxisMount, t: Array, accel: Array, table: TableMot
     """
     horizontal = np.linalg.svd(mount.up[None])[2][1:]
     horizontal[1] *= np.sign(np.linalg.det(np.vstack([horizontal, mount.up])))
-    edges = np.flatnonzero(np.diff(table.moving_at(t).astype(np.int8), prepend=1, append=1))
-    stops = [(i, j) for i, j in zip(edges[::2], edges[1::2], strict=True) if j - i >= _MIN_STOP_SAMPLES]
+    stops = [(i, j) for i, j in find_runs(~table.moving_at(t)) if j - i >= _MIN_STOP_SAMPLES]
     if len(stops) < _MIN_SENSE_STOPS or not np.linalg.norm(accel.mean(axis=0)) > 1.0:
         return False
     force = np.array([accel[i:j].mean(axis=0) for i, j in stops]) @ horizontal.T

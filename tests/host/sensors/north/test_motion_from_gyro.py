@@ -9,7 +9,7 @@ from hubodo.errors import InputError
 from hubodo.recording import Table
 from hubodo.sensors.north.axis_record import GyroAngleOptions, build_axis_record
 from hubodo.sensors.north.circular import wrap_angle
-from hubodo.sensors.north.motion_from_gyro import _integrate_turns, find_runs, find_table_motion
+from hubodo.sensors.north.motion_from_gyro import _integrate_turns, find_table_motion
 from hubodo.sensors.north.north_estimate import find_north
 from hubodo.sensors.north.stops import split_stops
 from repetitions import first_and_more
@@ -176,8 +176,3 @@ def test_a_turn_bears_a_gap_of_five_samples_or_a_tenth_of_a_second(step, bears):
                 _integrate_turns(late, np.zeros((len(t), 3)), moving)
         else:
             assert len(_integrate_turns(late, np.zeros((len(t), 3)), moving)) == 1
-
-
-def test_runs_are_the_stretches_of_true():
-    assert find_runs(np.array([True, False, True, True])) == [(0, 1), (2, 4)]
-    assert find_runs(np.zeros(3, bool)) == []

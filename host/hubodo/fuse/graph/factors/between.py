@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.fuse.graph.factors.constants import CURVATURE, N_CONSTANTS, WHEEL_RADIUS, YAW_RATE, YAW_SCALE
-from hubodo.fuse.graph.factors.factor import FactorGroup, Flags, LinearisedFactors, find_runs
+from hubodo.fuse.graph.factors.factor import FactorGroup, Flags, LinearisedFactors, find_bridged_runs
 from hubodo.fuse.graph.factors.loss import Loss
 
 ComplexArray = NDArray[np.complex128]
@@ -164,7 +164,7 @@ class BetweenFactors(FactorGroup):
         return [
             f"odometry: between t = {pose_t[first]:.1f} and {pose_t[last + 1]:.1f} s it does not agree "
             "with what was measured from outside; slip or a carried vehicle"
-            for first, last in find_runs(is_outlier)
+            for first, last in find_bridged_runs(is_outlier)
         ]
 
     def append(self, later: BetweenFactors, offset: int) -> BetweenFactors:

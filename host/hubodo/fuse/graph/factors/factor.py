@@ -102,7 +102,7 @@ class FactorGroup(ABC):
         }
 
 
-def find_runs(flags: Flags) -> list[tuple[int, int]]:
+def find_bridged_runs(flags: Flags) -> list[tuple[int, int]]:
     """Return first and last index of each run of flags that are set; gaps of up to two are bridged."""
     set_indices = np.flatnonzero(flags)
     if len(set_indices) == 0:

@@ -8,7 +8,7 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.fuse.graph.factors.constants import GNSS_DELAY, N_CONSTANTS
-from hubodo.fuse.graph.factors.factor import FactorGroup, Flags, LinearisedFactors, find_runs
+from hubodo.fuse.graph.factors.factor import FactorGroup, Flags, LinearisedFactors, find_bridged_runs
 from hubodo.fuse.graph.factors.loss import Loss
 
 
@@ -54,7 +54,7 @@ class PositionFactors(FactorGroup):
         """Return warnings for runs of fixes that are off, and for a single fix."""
         t, distance = pose_t[self.pose_index], norm * self.sigma
         warnings = []
-        for first, last in find_runs(is_outlier):
+        for first, last in find_bridged_runs(is_outlier):
             count = np.count_nonzero(is_outlier[first : last + 1])
             warnings.append(
                 f"gnss: {count} fixes from t = {t[first]:.1f} to {t[last]:.1f} s are off "

@@ -17,8 +17,7 @@ from hubodo.fuse.wheel.entries import ANTENNA_X, ANTENNA_Y, POSITION_ERROR_X, PO
 from hubodo.fuse.wheel.filter import ALIGNMENT_WINDOWS
 from hubodo.fuse.wheel.filter_core import FilterCore
 from hubodo.fuse.wheel.measurements.position import Position
-from hubodo.fuse.wheel.records import StepInput
-from hubodo.fuse.wheel.slip_schedule import SlipSchedule
+from hubodo.fuse.wheel.records import SlipSchedule, StepInput
 from hubodo.fuse.wheel.window import WINDOW_S
 
 _SPEED_ERROR_SHARE = 0.02

@@ -44,9 +44,9 @@ from hubodo.fuse.wheel.entries import (
 )
 from hubodo.fuse.wheel.filter import ALIGNMENT_WINDOWS, WheelFilter
 from hubodo.fuse.wheel.filter_core import FilterCore
-from hubodo.fuse.wheel.mirrored_axes import is_mirrored
+from hubodo.fuse.wheel.node_screening import is_mirrored
+from hubodo.fuse.wheel.preintegration import sample_block
 from hubodo.fuse.wheel.records import Pose, StepInput
-from hubodo.fuse.wheel.samples import sample_block
 from hubodo.fuse.wheel.track import track_from_poses
 from hubodo.recording import Table
 
