@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
 import wanted  # noqa: E402
+from hubodo.effects import BY_NAME  # noqa: E402
+from hubodo.gap.judge.search import build_initial_state  # noqa: E402
+from hubodo.gap.problem.build import build_problem  # noqa: E402
+from hubodo.gap.refit.refit import refit_with_weights  # noqa: E402
+from hubodo.gap.state.terms import ModelTerm  # noqa: E402
 from hubodo.log.csv_folder import read_folder  # noqa: E402
+from hubodo.model.model_file import Model  # noqa: E402
 from hubodo.recording import Recording, Table  # noqa: E402
 from vehicles import model_toml  # noqa: E402
 
@@ -23,6 +30,7 @@ CAR = model_toml(
 )
 # Largest accepted error of a value: share of the injected size, or number of sigmas.
 MAX_ERROR_SHARE, MAX_ERROR_SIGMA = 0.25, 3.0
+DELAY_EFFECTS = ("time_offset", "clock_skew", "gyro_lag")
 
 
 def read_drive(name: str) -> Recording:
@@ -41,3 +49,15 @@ def _take_half(recording: Recording, half: str) -> Recording:
         selected = {"first": table.t < middle, "second": table.t >= middle}[half]
         nodes[name] = Table({column: table[column][selected] for column in table})
     return replace(recording, nodes=nodes)
+
+
+def measure_recorded(drive: Recording, model: Model, effect: str, node: str) -> Mapping[str, float]:
+    """Return the delay of a node in a drive as recorded, by a fit beside the effects of the model.
+
+    Empty for other effects.
+    """
+    if effect not in DELAY_EFFECTS:
+        return {}
+    state = build_initial_state(build_problem(drive, model))
+    fit = refit_with_weights(state.with_term(ModelTerm(BY_NAME[effect](), node)))
+    return next(term.effect.values() for term in fit.state.terms if term.key == (effect, node))

@@ -25,17 +25,12 @@ import numpy as np
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[1]), str(Path(__file__).resolve().parent)]
 
-from car import CAR, MAX_ERROR_SHARE, MAX_ERROR_SIGMA, read_drive  # noqa: E402
+from car import CAR, MAX_ERROR_SHARE, MAX_ERROR_SIGMA, measure_recorded, read_drive  # noqa: E402
 from sample_effects import Injection, injections  # noqa: E402
 from two_drives import compare_pairs  # noqa: E402
 
-from hubodo.effects import BY_NAME  # noqa: E402
 from hubodo.gap.explain.missing_effects import MissingEffects  # noqa: E402
 from hubodo.gap.explain.result import Finding  # noqa: E402
-from hubodo.gap.judge.search import build_initial_state  # noqa: E402
-from hubodo.gap.problem.build import build_problem  # noqa: E402
-from hubodo.gap.refit.refit import refit_with_weights  # noqa: E402
-from hubodo.gap.state.terms import ModelTerm  # noqa: E402
 from hubodo.gap.workflow import find_gap  # noqa: E402
 from hubodo.model.model_file import Model, read_model  # noqa: E402
 from hubodo.model.model_text import write_model  # noqa: E402
@@ -44,7 +39,6 @@ from hubodo.recording import Recording  # noqa: E402
 DRIVES = ("drive-1", "drive-2")
 STRENGTHS = ("medium", "strong")
 HIGH_CONFIDENCE = 0.9
-DELAY_EFFECTS = ("time_offset", "clock_skew", "gyro_lag")
 
 
 @dataclass(frozen=True)
@@ -143,18 +137,6 @@ def run_case(case: Case, folder: Path, seed: int) -> Row:
         float(result.gap.floor or np.nan),
         time.monotonic() - start,
     )
-
-
-def measure_recorded(drive: Recording, model: Model, effect: str, node: str) -> Mapping[str, float]:
-    """Return the delay of a node in a drive as recorded, by a fit beside the effects of the model.
-
-    Empty for other effects.
-    """
-    if effect not in DELAY_EFFECTS:
-        return {}
-    state = build_initial_state(build_problem(drive, model))
-    fit = refit_with_weights(state.with_term(ModelTerm(BY_NAME[effect](), node)))
-    return next(term.effect.values() for term in fit.state.terms if term.key == (effect, node))
 
 
 def _is_right(finding: Finding, injection: Injection, node: str) -> bool:

@@ -14,7 +14,8 @@ from rich.table import Table as TextTable
 from hubodo.atomic_files import atomic_files
 from hubodo.effects import BY_NAME
 from hubodo.errors import InputError
-from hubodo.gap.change.change import Change, ChangeResult, find_change
+from hubodo.gap.change.change import find_change
+from hubodo.gap.change.result import Change, ChangeResult
 from hubodo.gap.explain.summary import format_angle, format_probability, format_with_sigma
 from hubodo.gap.problem.assumed import assume_model
 from hubodo.gap.state.terms import ALL, VEHICLE

@@ -30,7 +30,8 @@ from gap_matrix import cases, recording
 from gap_matrix.cases import Setup
 from gap_matrix.dose import STRENGTHS, GainMeter
 from gap_matrix.effects import SIDES, Effect
-from hubodo.gap.change.change import ChangeResult, find_change
+from hubodo.gap.change.change import find_change
+from hubodo.gap.change.result import ChangeResult
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
 

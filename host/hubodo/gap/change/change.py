@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 from hubodo.effects import BY_NAME
 from hubodo.effects.empirical import PREFIX
 from hubodo.errors import InputError
 from hubodo.gap.change.estimates import estimate_change
+from hubodo.gap.change.given_model import FIRST_LOG_SHARE, judge_second_log
 from hubodo.gap.change.joint import EffectKey
+from hubodo.gap.change.result import CHANGE_P_VALUE, Change, ChangeResult, subtract_estimates
 from hubodo.gap.change.score_test import compare_logs
 from hubodo.gap.change.search import PairSearchResult, search_changes
 from hubodo.gap.explain.descriptions import describe_where
@@ -21,7 +22,9 @@ from hubodo.gap.judge.round import ReportProgress
 from hubodo.gap.judge.search import SearchObserver, build_initial_state, search_effects
 from hubodo.gap.problem.build import build_problem
 from hubodo.gap.problem.problem import Problem
+from hubodo.gap.refit.prior import MIN_GIVEN_TEMPERING
 from hubodo.gap.refit.prune import prune_coordinates
+from hubodo.gap.refit.refit import Refit
 from hubodo.gap.screen.null_distribution import NullDistribution
 from hubodo.gap.screen.unnamed_terms import find_unnamed_terms
 from hubodo.gap.state.state import State
@@ -29,102 +32,14 @@ from hubodo.gap.state.terms import ModelTerm, model_of_terms
 from hubodo.model.model_file import Model
 from hubodo.recording import Recording
 
-# P-value below which a change is reported.
-CHANGE_P_VALUE = 0.01
 # Tempering above which residuals are so correlated that only held-out samples count as evidence.
 _MIN_CORRELATED_TEMPERING = 3.0
 # ln Bayes factor of an unnamed term, tempered, and ratio of its gain in the second log to that in the first.
 _MIN_UNNAMED_CHANGE_EVIDENCE, _MIN_UNNAMED_CHANGE_GAIN_RATIO = 6.0, 4.0
 # Smallest difference, in sigma, that is reported for a value that belongs to one drive, such as an offset.
 _MIN_DRIVE_CHANGE_SIGMA = 5.0
-# Fractions of the reported progress for the search of the first log and for the comparison.
-_SEARCH_SHARE, _COMPARISON_SHARE = 0.55, 0.35
-
-
-@dataclass(frozen=True)
-class Change:
-    """An effect with another value in the second log.
-
-    values: for each parameter its value before, its value after, and the difference
-    p_value: probability that the best of all candidates differs as much if nothing has changed
-    where: channels, times and regimes that show it, in words
-    """
-
-    effect: str
-    scope: str
-    values: dict[str, tuple[Estimate, Estimate, Estimate]]
-    p_value: float
-    where: str
-
-    @property
-    def belongs_to_drive(self) -> bool:
-        """Return True for an offset, a clock or the road: it differs between drives of one vehicle."""
-        return BY_NAME[self.effect].varies_between_drives
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the entry of `changes` in `change.json`."""
-        keys = ("before", "after", "change")
-        return {
-            "effect": self.effect,
-            "scope": self.scope,
-            "parameters": {
-                name: {
-                    key: {"value": _finite(estimate.value), "sigma": _finite(estimate.sigma)}
-                    for key, estimate in zip(keys, three, strict=True)
-                }
-                | {"unit": three[0].unit}
-                for name, three in self.values.items()
-            },
-            "of_this_drive": self.belongs_to_drive,
-            "p_value": self.p_value,
-            "where": self.where,
-        }
-
-
-@dataclass(frozen=True)
-class ChangeResult:
-    """Result of comparing two logs.
-
-    p_value: probability that two logs differ as much if nothing has changed
-    changes: in order of discovery
-    unnamed_terms: terms without a name that only the second log requires
-    model_before, model_after: the vehicle in the first and in the second log
-    is_correlated: True if residuals are so correlated, as on real roads, that the p-value is not reliable
-    """
-
-    p_value: float
-    changes: tuple[Change, ...]
-    unnamed_terms: tuple[str, ...]
-    model_before: Model
-    model_after: Model
-    warnings: tuple[str, ...]
-    is_correlated: bool = False
-
-    @property
-    def vehicle_changes(self) -> tuple[Change, ...]:
-        """Return the changes of the vehicle, without offsets, clocks and the road."""
-        return tuple(change for change in self.changes if not change.belongs_to_drive)
-
-    @property
-    def has_changed(self) -> bool:
-        """Return True if the vehicle has changed, or no known effect explains the difference of the logs."""
-        is_unexplained = not self.changes and not self.is_correlated and self.p_value < CHANGE_P_VALUE
-        return is_unexplained or bool(self.vehicle_changes)
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the content of `change.json`."""
-        return {
-            "changed": self.has_changed,
-            "p_value": self.p_value,
-            "changes": [change.as_json() for change in self.changes],
-            "unnamed": list(self.unnamed_terms),
-            "correlated": self.is_correlated,
-            "warnings": list(self.warnings),
-        }
-
-
-def _finite(value: float | None) -> float | None:
-    return None if value is None or not math.isfinite(value) else value
+# Fraction of the reported progress for the comparison.
+_COMPARISON_SHARE = 0.35
 
 
 def find_change(
@@ -137,7 +52,8 @@ def find_change(
 ) -> ChangeResult:
     """Find the effects whose values differ between two logs of one vehicle.
 
-    The first log is searched for effects that the model lacks. Then each effect of the model, and each
+    The first log is searched for effects that the model lacks. Where its residuals are correlated, as on real
+    roads, the second log is judged with the model of the first. Otherwise each effect of the model, and each
     candidate, is fitted with a separate value in the second log.
 
     Raises InputError if a log does not belong to the model, or the logs have different nodes.
@@ -149,22 +65,49 @@ def find_change(
             f"{log_names[0]} has {', '.join(names[0])}, {log_names[1]} has {', '.join(names[1])}: "
             "compare logs with the same nodes"
         )
+    first_fit = fit_first_log(problems[0], log_names[0], report_progress)
+    return compare_with_first_log(first_fit, after, log_names[1], report_progress)
+
+
+def fit_first_log(
+    problem: Problem, log_name: str = "before", report_progress: ReportProgress = lambda words, share: None
+) -> Refit:
+    """Search the first log for the effects that its model lacks, and return their fit."""
     observer = SearchObserver(
-        report_progress=lambda words, share: report_progress(
-            f"{log_names[0]}, {words}", _SEARCH_SHARE * share
-        )
+        report_progress=lambda words, share: report_progress(f"{log_name}, {words}", FIRST_LOG_SHARE * share)
     )
-    first_fit = prune_coordinates(search_effects(build_initial_state(problems[0]), observer=observer).final)
+    return prune_coordinates(search_effects(build_initial_state(problem), observer=observer).final)
+
+
+def compare_with_first_log(
+    first_fit: Refit,
+    after: Recording,
+    log_name: str = "after",
+    report_progress: ReportProgress = lambda words, share: None,
+) -> ChangeResult:
+    """Find the effects whose values differ in the second log; first_fit: from `fit_first_log`."""
+    if first_fit.tempering > MIN_GIVEN_TEMPERING:
+        return judge_second_log(first_fit, after, log_name, report_progress)
+    problem = build_problem(after, first_fit.state.problem.model, log_name)
+    return _compare_white_logs(first_fit, problem, report_progress)
+
+
+def _compare_white_logs(
+    first_fit: Refit, second_problem: Problem, report_progress: ReportProgress
+) -> ChangeResult:
+    """Compare two logs by a joint fit; the residuals of the first are hardly correlated."""
+    problems = (first_fit.state.problem, second_problem)
+    model = problems[0].model
     states = _build_states(problems, first_fit.state)
     searched = search_changes(
         states,
         [term.key for term in states[0].terms if _is_of_drive(term)],
         first_fit.tempering,
         lambda words, share: report_progress(
-            f"comparing the logs, {words}", _SEARCH_SHARE + _COMPARISON_SHARE * share
+            f"comparing the logs, {words}", FIRST_LOG_SHARE + _COMPARISON_SHARE * share
         ),
     )
-    report_progress("comparing the logs by chance", _SEARCH_SHARE + _COMPARISON_SHARE)
+    report_progress("comparing the logs by chance", FIRST_LOG_SHARE + _COMPARISON_SHARE)
     is_correlated = max(fit.tempering for fit in searched.last.fits) > _MIN_CORRELATED_TEMPERING
     separate = searched.first.separate
     comparison = compare_logs(*searched.first.evaluations, separate)
@@ -211,7 +154,7 @@ def _build_change(one: Hypothesis, searched: PairSearchResult, null_distribution
         sigmas = one.proposal.sigmas
         before = next((term for term in searched.last.fits[0].state.terms if term.key == one.key), None)
         values = {
-            name: _subtract(
+            name: subtract_estimates(
                 Estimate(
                     before.effect.values()[name] if before else type(one.term.effect).default(name),
                     None,
@@ -224,10 +167,6 @@ def _build_change(one: Hypothesis, searched: PairSearchResult, null_distribution
         }
         return Change(*one.key, values, p_value, one.proposal.where)
     return Change(*one.key, estimate_change(searched.last, one.key), p_value, _where(one.key, searched))
-
-
-def _subtract(before: Estimate, after: Estimate) -> tuple[Estimate, Estimate, Estimate]:
-    return before, after, Estimate(after.value - before.value, after.sigma, before.unit)
 
 
 def _where(key: EffectKey, searched: PairSearchResult) -> str:

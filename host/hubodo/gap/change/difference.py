@@ -262,7 +262,7 @@ def _judge_change(
     effect = terms[1].effect
     covariance = _difference_covariance(fits[1].covariance, *indices)
     evidence = _evidence(gain, change, covariance, tempering) - effect.neg_log_prior()
-    held_out_gain = compute_held_out_gain(fits[0].folds, fits[1].folds)
+    held_out_gain = compute_held_out_gain(fits[0].fold_deviances, fits[1].fold_deviances)
     objection = ""
     if _newly_implausible(terms):
         objection = "fits only beyond its plausible limit"

@@ -13,7 +13,7 @@ from hubodo.arrays import Array
 from hubodo.gap.linear.directions import directions_of_terms
 from hubodo.gap.linear.linearisation import invert_information, linearise
 from hubodo.gap.process_noise.evaluation import Evaluation
-from hubodo.gap.refit.cross_validation import FoldDeviances, cross_validate
+from hubodo.gap.refit.cross_validation import FoldDeviances, FoldGrams
 from hubodo.gap.refit.prior import CoordinatePrior, build_prior
 from hubodo.gap.refit.refit import MAX_STEP_SCALES
 from hubodo.gap.screen.candidates import Candidate, list_candidates, list_directions
@@ -116,10 +116,15 @@ class JointFit:
         """Return the deviance with the penalty of the prior, which a fit minimises."""
         return self.deviance + self.prior.penalty(self.step)
 
+    @property
+    def folds(self) -> FoldGrams:
+        """Return the folds of time of both logs, for held-out gains."""
+        return FoldGrams.of_blocks(self.blocks, self.raw_squares, self.samples)
+
     @cached_property
-    def folds(self) -> FoldDeviances:
-        """Return the deviances of folds of time, for held-out gains."""
-        return cross_validate(self.blocks, self.raw_squares, self.prior, self.samples)
+    def fold_deviances(self) -> FoldDeviances:
+        """Return the deviances of the folds."""
+        return self.folds.cross_validate(self.prior)
 
 
 @dataclass(frozen=True)

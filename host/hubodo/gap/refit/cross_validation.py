@@ -71,26 +71,36 @@ class HeldOutGain:
         return self.total / self.sigma if self.sigma > 0.0 else 0.0
 
 
-def cross_validate(
-    blocks: Array, raw_squares: Array, prior: CoordinatePrior, samples: Array
-) -> FoldDeviances:
-    """Return the deviances of folds of consecutive blocks.
+@dataclass(frozen=True)
+class FoldGrams:
+    """Gram matrices of F folds of time.
 
-    blocks: (B, P+1, P+1) gram matrices of coordinates and residual, whose row is the last
+    grams: (F, P+1, P+1) of coordinates and residual, whose row is the last
     raw_squares: (P,) squares of the columns, below a share of which information is rounding error
-    prior: prior of the coordinates
-    samples: (B,) readings in each block
-
-    For a linear model with information A and score b the other folds give the step d = A⁻¹ b, and the
-    deviance of the fold is r'r - 2 d'b_f + d'A_f d (Stone 1974).
+    samples: (F,) readings in each fold
     """
-    folds = sum_folds(blocks)
-    total, deviances = folds.sum(axis=0), np.empty((2, len(folds)))
-    fit_to_all = _fit_step(total, raw_squares, prior)
-    for k, fold in enumerate(folds):
-        for row, step in enumerate((_fit_step(total - fold, raw_squares, prior), fit_to_all)):
-            deviances[row, k] = fold[-1, -1] - 2.0 * step @ fold[:-1, -1] + step @ fold[:-1, :-1] @ step
-    return FoldDeviances(deviances[0], deviances[1], sum_folds(samples))
+
+    grams: Array
+    raw_squares: Array
+    samples: Array
+
+    @staticmethod
+    def of_blocks(blocks: Array, raw_squares: Array, samples: Array) -> FoldGrams:
+        """Return the folds of consecutive blocks, (B, P+1, P+1), with `samples` readings each, (B,)."""
+        return FoldGrams(sum_folds(blocks), raw_squares, sum_folds(samples))
+
+    def cross_validate(self, prior: CoordinatePrior) -> FoldDeviances:
+        """Return the deviances of the folds; `prior` is that of the coordinates.
+
+        For a linear model with information A and score b the other folds give the step d = A⁻¹ b, and the
+        deviance of the fold is r'r - 2 d'b_f + d'A_f d (Stone 1974).
+        """
+        total, deviances = self.grams.sum(axis=0), np.empty((2, len(self.grams)))
+        fit_to_all = _fit_step(total, self.raw_squares, prior)
+        for k, fold in enumerate(self.grams):
+            for row, step in enumerate((_fit_step(total - fold, self.raw_squares, prior), fit_to_all)):
+                deviances[row, k] = fold[-1, -1] - 2.0 * step @ fold[:-1, -1] + step @ fold[:-1, :-1] @ step
+        return FoldDeviances(deviances[0], deviances[1], self.samples)
 
 
 def sum_folds(blocks: Array) -> Array:

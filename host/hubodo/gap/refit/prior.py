@@ -18,7 +18,7 @@ from hubodo.gap.state.terms import ModelTerm
 _PRIOR_SCALES = 3.0
 # Tempering above which residuals are so correlated that a small difference of a given effect looks like
 # another effect; below it the difference itself is visible, and is one.
-_MIN_GIVEN_TEMPERING = 2.0
+MIN_GIVEN_TEMPERING = 2.0
 # Largest difference of a given effect from the model file that counts as repeatability, in its sigmas.
 _MAX_DIFFERENCE_SIGMA = 2.0
 # Information about a frozen coordinate, more than any log has.
@@ -79,7 +79,7 @@ def build_prior(
         information[inside] = _has_prior(type(term.effect)) * tempering / _PRIOR_SCALES**2
         value[inside] = term.effect.coordinates() / scales
         if term.is_nuisance:
-            is_correlated = given_tempering > _MIN_GIVEN_TEMPERING
+            is_correlated = given_tempering > MIN_GIVEN_TEMPERING
             information[inside] = (
                 given_tempering / term.repeatability**2 if is_correlated else _FROZEN_INFORMATION
             )

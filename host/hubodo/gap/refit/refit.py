@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from hubodo.gap.linear.linearisation import Linearisation, invert_information, l
 from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.process_noise.tracking import estimate_weights, track_wheel_phase
 from hubodo.gap.process_noise.weights import weights_from_residuals
-from hubodo.gap.refit.cross_validation import FoldDeviances, cross_validate
+from hubodo.gap.refit.cross_validation import FoldDeviances, FoldGrams
 from hubodo.gap.refit.prior import CoordinatePrior, adopt_prior, coordinate_slice, determine_prior
 from hubodo.gap.refit.tempering import compute_tempering, measure_tempering
 from hubodo.gap.state.state import ATTITUDE_SCALE, State
@@ -49,7 +50,7 @@ class Refit:
     block_scores: (B, K), score of each block
     full_covariance: covariance of coordinates and nuisances: given effects, then attitudes of bodies
     gram: gram matrix of coordinates, nuisances and, in the last row, the residual
-    fold_deviances: deviances of folds of time, for held-out gains
+    folds: folds of time, for held-out gains
     prior: Gaussian prior of the coordinates, from their usual sizes
     channel_shares: (K, C) squares of each coordinate's column in each channel, relative to its largest; None
         in a fit to two logs
@@ -65,11 +66,16 @@ class Refit:
     block_scores: Array
     full_covariance: Array
     gram: Array
-    fold_deviances: FoldDeviances
+    folds: FoldGrams
     prior: CoordinatePrior
     channel_shares: Array | None = None
     given_gain: float = 0.0
     given_tempering: float = 1.0
+
+    @cached_property
+    def fold_deviances(self) -> FoldDeviances:
+        """Return the deviances of the folds, on first use: the iterations of a fit do not need them."""
+        return self.folds.cross_validate(self.prior)
 
     @property
     def state(self) -> State:
@@ -271,11 +277,13 @@ def linearise_fit(
     score = blocks[:, :-1, -1] - blocks[:, :-1, :-1] @ step
     robust_covariance = covariance @ (score.T @ score) @ covariance
     deviance = _compute_deviance(gram, step)
-    is_given = (np.arange(len(step)) >= k) & (np.arange(len(step)) < basis.shape[1])
-    as_given = prior.freeze(is_given)
-    step_as_given = invert_information(gram[:-1, :-1], raw_squares, as_given.information) @ (
-        gram[:-1, -1] - as_given.gradient
-    )
+    given_gain, is_given = 0.0, (np.arange(len(step)) >= k) & (np.arange(len(step)) < basis.shape[1])
+    if is_given.any():
+        as_given = prior.freeze(is_given)
+        step_as_given = invert_information(gram[:-1, :-1], raw_squares, as_given.information) @ (
+            gram[:-1, -1] - as_given.gradient
+        )
+        given_gain = 0.5 * (_compute_deviance(gram, step_as_given) - deviance)
     channel_squares = basis.T[:k] ** 2 @ linearised.channel_squares[: len(directions)]
     largest = np.maximum(channel_squares.max(axis=1, keepdims=True, initial=0.0), 1e-12)
     return Refit(
@@ -287,10 +295,10 @@ def linearise_fit(
         score[:, :k],
         covariance,
         gram,
-        cross_validate(blocks, raw_squares, prior, evaluation.samples_per_block().sum(axis=1)),
+        FoldGrams.of_blocks(blocks, raw_squares, evaluation.samples_per_block().sum(axis=1)),
         prior,
         channel_squares / largest,
-        0.5 * (_compute_deviance(gram, step_as_given) - deviance) if is_given.any() else 0.0,
+        given_gain,
         given_tempering,
     )
 

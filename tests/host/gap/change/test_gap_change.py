@@ -2,7 +2,7 @@
 
 import pytest
 
-from hubodo.gap.change.change import CHANGE_P_VALUE, ChangeResult
+from hubodo.gap.change.result import CHANGE_P_VALUE, ChangeResult
 
 
 @pytest.mark.parametrize(("p_value", "has_changed"), [(0.1 * CHANGE_P_VALUE, True), (0.5, False)])

@@ -38,7 +38,7 @@ def gains(before, after):
     rng = np.random.default_rng(SEED)
     joint = join_logs(linear_log(before, rng), linear_log(after, rng), (), 1.0)
     common, separate = joint.fit_candidate(BIAS, is_known=False)
-    held_out = compute_held_out_gain(common.folds, separate.folds)
+    held_out = compute_held_out_gain(common.fold_deviances, separate.fold_deviances)
     return 0.5 * (common.objective - separate.objective), held_out.total, separate.step[-3:]
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hubodo.gap.linear.linearisation import invert_information
-from hubodo.gap.refit.cross_validation import FoldDeviances, compute_held_out_gain, cross_validate
+from hubodo.gap.refit.cross_validation import FoldDeviances, FoldGrams, compute_held_out_gain
 from hubodo.gap.refit.prior import CoordinatePrior
 
 N_BLOCKS, SAMPLES, N_COLUMNS = 24, 50, 3
@@ -25,7 +25,7 @@ def validate(rows, columns, prior=FREE):
     grams = np.einsum("bni,bnj->bij", chosen, chosen)
     selected = CoordinatePrior(prior.information[list(columns)], prior.value[list(columns)], 1.0)
     squares = np.einsum("bii->i", grams)[:-1]
-    return cross_validate(grams, squares, selected, np.full(len(rows), float(SAMPLES)))
+    return FoldGrams.of_blocks(grams, squares, np.full(len(rows), float(SAMPLES))).cross_validate(selected)
 
 
 @pytest.mark.parametrize("seed", (1, 2))
