@@ -13,6 +13,7 @@ from car import CAR, read_drive  # noqa: E402
 from sample_effects import injections  # noqa: E402
 
 from hubodo.effects import BY_NAME  # noqa: E402
+from hubodo.gap.change.given_model import is_remounted  # noqa: E402
 from hubodo.gap.judge.search import build_initial_state  # noqa: E402
 from hubodo.gap.problem.build import build_problem  # noqa: E402
 from hubodo.gap.refit.cross_validation import compute_held_out_gain  # noqa: E402
@@ -102,3 +103,8 @@ def test_an_effect_counts_if_it_gains_more_than_changes_of_the_given_ones(model,
     given_gain = max(before.given_gain, after.given_gain)
     print(f"injected {is_injected}: held-out gain {gain:.0f}, by the given effects {given_gain:.0f}")
     assert (gain > given_gain) == is_injected
+
+
+@pytest.mark.parametrize(("drive", "expected"), [("drive-1", False), ("drive-1-rim", True)])
+def test_sensors_on_the_rims_are_mounted_elsewhere_than_those_on_the_hubs(drive, expected, model):
+    assert is_remounted(build_problem(read_drive(drive), model)) == expected

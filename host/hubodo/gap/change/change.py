@@ -10,7 +10,7 @@ from hubodo.effects import BY_NAME
 from hubodo.effects.empirical import PREFIX
 from hubodo.errors import InputError
 from hubodo.gap.change.estimates import estimate_change
-from hubodo.gap.change.given_model import FIRST_LOG_SHARE, judge_second_log
+from hubodo.gap.change.given_model import FIRST_LOG_SHARE, is_remounted, judge_second_log, model_of_fit
 from hubodo.gap.change.joint import EffectKey
 from hubodo.gap.change.result import CHANGE_P_VALUE, Change, ChangeResult, subtract_estimates
 from hubodo.gap.change.score_test import compare_logs
@@ -53,8 +53,9 @@ def find_change(
     """Find the effects whose values differ between two logs of one vehicle.
 
     The first log is searched for effects that the model lacks. Where its residuals are correlated, as on real
-    roads, the second log is judged with the model of the first. Otherwise each effect of the model, and each
-    candidate, is fitted with a separate value in the second log.
+    roads, the second log is judged with the model of the first. In independent residuals, and if a sensor was
+    mounted elsewhere, each effect of the model, and each candidate, is fitted with a separate value in the
+    second log instead.
 
     Raises InputError if a log does not belong to the model, or the logs have different nodes.
     """
@@ -87,15 +88,17 @@ def compare_with_first_log(
 ) -> ChangeResult:
     """Find the effects whose values differ in the second log; first_fit: from `fit_first_log`."""
     if first_fit.tempering > MIN_GIVEN_TEMPERING:
-        return judge_second_log(first_fit, after, log_name, report_progress)
+        problem = build_problem(after, model_of_fit(first_fit), log_name)
+        if not is_remounted(problem):
+            return judge_second_log(first_fit, problem, log_name, report_progress)
     problem = build_problem(after, first_fit.state.problem.model, log_name)
-    return _compare_white_logs(first_fit, problem, report_progress)
+    return _compare_jointly(first_fit, problem, report_progress)
 
 
-def _compare_white_logs(
+def _compare_jointly(
     first_fit: Refit, second_problem: Problem, report_progress: ReportProgress
 ) -> ChangeResult:
-    """Compare two logs by a joint fit; the residuals of the first are hardly correlated."""
+    """Compare two logs by a joint fit."""
     problems = (first_fit.state.problem, second_problem)
     model = problems[0].model
     states = _build_states(problems, first_fit.state)
@@ -153,18 +156,12 @@ def _build_change(one: Hypothesis, searched: PairSearchResult, null_distribution
     if one.proposal is not None:
         sigmas = one.proposal.sigmas
         before = next((term for term in searched.last.fits[0].state.terms if term.key == one.key), None)
-        values = {
-            name: subtract_estimates(
-                Estimate(
-                    before.effect.values()[name] if before else type(one.term.effect).default(name),
-                    None,
-                    unit,
-                ),
-                Estimate(value, sigmas.get(name), unit),
-            )
-            for name, value in one.term.effect.values().items()
-            for unit in (one.term.effect.unit(name),)
-        }
+        values = {}
+        for name, value in one.term.effect.values().items():
+            unit = one.term.effect.unit(name)
+            value_before = before.effect.values()[name] if before else type(one.term.effect).default(name)
+            pair = (Estimate(value_before, None, unit), Estimate(value, sigmas.get(name), unit))
+            values[name] = (*pair, subtract_estimates(*pair))
         return Change(*one.key, values, p_value, one.proposal.where)
     return Change(*one.key, estimate_change(searched.last, one.key), p_value, _where(one.key, searched))
 

@@ -6,38 +6,66 @@ pay on samples to which they were not fitted, as in `workflow.py`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import product
 
 from hubodo.effects import BY_NAME
 from hubodo.effects.empirical import PREFIX
+from hubodo.effects.mounting import LeverArm, NodeMisalignment
 from hubodo.gap.change.result import Change, ChangeResult, subtract_estimates
 from hubodo.gap.explain.finding import estimate_parameters
 from hubodo.gap.explain.result import Estimate, Finding
 from hubodo.gap.judge.round import ReportProgress
-from hubodo.gap.judge.search import SearchResult
-from hubodo.gap.problem.build import build_problem
-from hubodo.gap.refit.refit import Refit
-from hubodo.gap.state.terms import ALL, model_of_terms
+from hubodo.gap.judge.search import SearchResult, build_initial_state
+from hubodo.gap.problem.problem import Problem
+from hubodo.gap.refit.refit import Refit, refit_with_weights
+from hubodo.gap.state.terms import ALL, ModelTerm, model_of_terms
 from hubodo.gap.workflow import find_problem_gap
-from hubodo.recording import Recording
+from hubodo.model.model_file import Model
 
 # Fraction of the reported progress for the search of the first log.
 FIRST_LOG_SHARE = 0.55
+# Distance across the axle from which on a sensor is mounted elsewhere, m: five usual sizes of a lever arm.
+_MIN_REMOUNTED_DISTANCE = 0.05
+
+
+def model_of_fit(first_fit: Refit) -> Model:
+    """Return the model file with the effects of the first log, without unnamed terms."""
+    terms = [term for term in first_fit.state.terms if not term.effect.name.startswith(PREFIX)]
+    return model_of_terms(first_fit.state.problem.model, terms)
+
+
+def is_remounted(problem: Problem) -> bool:
+    """Return True if a sensor is mounted elsewhere on its wheel than the model of the problem says.
+
+    Lever arm and misalignment of each node then change at once, and no single effect explains the log.
+    """
+    state = build_initial_state(problem)
+    names = [node.name for node in problem.nodes if node.on_wheel]
+    given = {name: state.effects[name] for name in names}
+    for name, kind in product(names, (NodeMisalignment, LeverArm)):
+        state = state.with_term(ModelTerm(given[name].get(kind, kind()), name))
+    fitted = refit_with_weights(state).state.effects
+    arms = [(given[name].get(LeverArm, LeverArm()), fitted[name][LeverArm]) for name in names]
+    distances = [
+        math.hypot(*(after.values()[axis] - before.values()[axis] for axis in ("x", "y")))
+        for before, after in arms
+    ]
+    return max(distances, default=0.0) > _MIN_REMOUNTED_DISTANCE
 
 
 def judge_second_log(
-    first_fit: Refit, after: Recording, log_name: str, report_progress: ReportProgress
+    first_fit: Refit, second_problem: Problem, log_name: str, report_progress: ReportProgress
 ) -> ChangeResult:
     """Return what the model of the first log lacks to explain the second log.
 
     first_fit: fit of the effects of the first log
+    second_problem: the second log with the model of the first
     """
-    terms = [term for term in first_fit.state.terms if not term.effect.name.startswith(PREFIX)]
-    first_problem = first_fit.state.problem
-    model = model_of_terms(first_problem.model, terms)
     missing = find_problem_gap(
-        build_problem(after, model, log_name),
+        second_problem,
         report_progress=lambda words, share: report_progress(
             f"{log_name}, {words}", FIRST_LOG_SHARE + (1.0 - FIRST_LOG_SHARE) * share
         ),
@@ -48,9 +76,9 @@ def judge_second_log(
         _compute_p_value(missing.search),
         tuple(sorted(changes, key=lambda change: change.belongs_to_drive)),
         tuple(finding.effect for finding in missing.found if finding not in named),
-        model,
+        second_problem.model,
         missing.model,
-        tuple(dict.fromkeys((*first_problem.warnings, *missing.warnings))),
+        tuple(dict.fromkeys((*first_fit.state.problem.warnings, *missing.warnings))),
         is_correlated=True,
     )
 

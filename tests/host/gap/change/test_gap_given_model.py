@@ -1,4 +1,4 @@
-"""Where residuals are correlated, the second log is judged with the model of the first."""
+"""The second log is judged with the model of the first where residuals are correlated."""
 
 from types import SimpleNamespace
 
@@ -8,7 +8,7 @@ from hubodo.effects import BY_NAME
 from hubodo.gap.change import change as change_module
 from hubodo.gap.change import given_model
 from hubodo.gap.change.change import compare_with_first_log
-from hubodo.gap.change.given_model import judge_second_log
+from hubodo.gap.change.given_model import judge_second_log, model_of_fit
 from hubodo.gap.explain.result import BeforeAfter, Estimate, Finding
 from hubodo.gap.refit.prior import MIN_GIVEN_TEMPERING
 from hubodo.gap.state.terms import ModelTerm
@@ -35,9 +35,7 @@ def first_fit(tmp_path):
 
 @pytest.fixture
 def judge(monkeypatch, first_fit):
-    """Return the result for findings in the second log, and the model with which it was searched."""
-    given = []
-    monkeypatch.setattr(given_model, "build_problem", lambda after, model, name: given.append(model))
+    """Return the result for findings in the second log."""
     monkeypatch.setattr(
         given_model, "estimate_parameters", lambda term, fit: {"x": Estimate(0.01, 3e-4, "m")}
     )
@@ -49,21 +47,27 @@ def judge(monkeypatch, first_fit):
         search = SimpleNamespace(rounds=rounds)
         missing = SimpleNamespace(found=findings, search=search, model="after", warnings=("of the second",))
         monkeypatch.setattr(given_model, "find_problem_gap", lambda problem, report_progress: missing)
-        return judge_second_log(first_fit, None, "after", lambda words, share: None), given[0]
+        problem = SimpleNamespace(model=model_of_fit(first_fit))
+        return judge_second_log(first_fit, problem, "after", lambda words, share: None)
 
     return run
 
 
-def test_the_second_log_is_searched_with_the_effects_of_the_first(judge):
-    result, model = judge()
-    assert [(item.effect, item.node) for item in model.effects] == [(ARM.effect, "left")]
+def test_the_second_log_is_judged_with_the_named_effects_of_the_first(first_fit):
+    unnamed = SimpleNamespace(effect=SimpleNamespace(name="empirical:left.gz ~ spin"))
+    first_fit.state.terms = (ARM, unnamed)
+    assert [(item.effect, item.node) for item in model_of_fit(first_fit).effects] == [(ARM.effect, "left")]
+
+
+def test_a_second_log_that_lacks_nothing_is_unchanged(judge):
+    result = judge()
     assert not result.has_changed and result.changes == () and result.is_correlated
-    assert (result.model_before, result.model_after) == (model, "after")
+    assert result.model_after == "after"
     assert result.warnings == ("of the first log", "of the second")
 
 
 def test_a_change_of_a_known_effect_has_the_sigmas_of_both_logs(judge):
-    result, _ = judge(finding("lever_arm", x=Estimate(0.16, 4e-4, "m", model_value=0.01)))
+    result = judge(finding("lever_arm", x=Estimate(0.16, 4e-4, "m", model_value=0.01)))
     before, after, change = result.changes[0].values["x"]
     assert (before.value, after.value) == (0.01, 0.16)
     assert (change.value, change.sigma) == pytest.approx((0.15, 5e-4))
@@ -71,7 +75,7 @@ def test_a_change_of_a_known_effect_has_the_sigmas_of_both_logs(judge):
 
 
 def test_an_effect_that_the_first_log_lacks_was_absent_there(judge):
-    result, _ = judge(finding("gyro_scale_factor", z=Estimate(0.02, 1e-3, "1")))
+    result = judge(finding("gyro_scale_factor", z=Estimate(0.02, 1e-3, "1")))
     before, _, change = result.changes[0].values["z"]
     assert (before.value, before.sigma) == (0.0, None)
     assert (change.value, change.sigma) == (0.02, 1e-3)
@@ -80,17 +84,25 @@ def test_an_effect_that_the_first_log_lacks_was_absent_there(judge):
 def test_changes_of_the_vehicle_precede_those_of_the_drive_and_unnamed_terms_are_no_changes(judge):
     offset = finding("time_offset", delay=Estimate(0.02, 1e-4, "s"))
     scale = finding("gyro_scale_factor", z=Estimate(0.02, 1e-3, "1"))
-    result, _ = judge(offset, finding("empirical:left.gz ~ spin"), scale)
+    result = judge(offset, finding("empirical:left.gz ~ spin"), scale)
     assert [change.effect for change in result.changes] == ["gyro_scale_factor", "time_offset"]
     assert result.vehicle_changes == result.changes[:1]
     assert result.unnamed_terms == ("empirical:left.gz ~ spin",)
 
 
-@pytest.mark.parametrize("ratio", (0.9, 1.1))
-def test_only_correlated_residuals_of_the_first_log_lead_to_its_model(ratio, first_fit, monkeypatch):
+@pytest.mark.parametrize(
+    ("ratio", "is_elsewhere", "expected"),
+    [(1.1, False, "model of the first"), (1.1, True, "joint fit"), (0.9, False, "joint fit")],
+)
+def test_independent_residuals_and_remounted_sensors_need_a_joint_fit(
+    ratio, is_elsewhere, expected, first_fit, monkeypatch
+):
     first_fit.tempering = ratio * MIN_GIVEN_TEMPERING
-    monkeypatch.setattr(change_module, "build_problem", lambda *arguments: None)
-    monkeypatch.setattr(change_module, "judge_second_log", lambda *arguments: "given model")
-    monkeypatch.setattr(change_module, "_compare_white_logs", lambda *arguments: "joint fit")
-    expected = "given model" if ratio > 1.0 else "joint fit"
+    for name, value in {
+        "build_problem": None,
+        "is_remounted": is_elsewhere,
+        "judge_second_log": "model of the first",
+        "_compare_jointly": "joint fit",
+    }.items():
+        monkeypatch.setattr(change_module, name, lambda *arguments, value=value: value)
     assert compare_with_first_log(first_fit, None) == expected
