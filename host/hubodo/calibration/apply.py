@@ -31,10 +31,13 @@ from hubodo.calibration.triad import triad_matrix
 from hubodo.effects import BY_NAME, Effect, SensorChain, effect_of
 from hubodo.effects.base import Dependency
 from hubodo.effects.sensor_chain import REFERENCE_CELSIUS, REFERENCE_VOLTS
+from hubodo.effects.temperature import ScaleTemperature
 from hubodo.effects.triad import Sensor, multiply
 from hubodo.errors import CalibrationError
 from hubodo.recording import Event, Table
 
+_SCALE_ITERATIONS = 8
+"""Iterations that invert a scale error of 1 % to rounding errors."""
 GYRO_CLIPPING_LIMIT, ACCEL_CLIPPING_LIMIT = 34.8, 156.0
 """rad/s, m/s²: from here on a channel of the widest range (2000 deg/s, 16 g) counts as clipped."""
 
@@ -86,15 +89,34 @@ class SampleCorrection:
         temperatures = np.broadcast_to(REFERENCE_CELSIUS if temperature is None else temperature, (count,))
         chain = SensorChain(t, np.asarray(temperatures, np.float64), *np.zeros((5, 3, count)))
         chain.supply = REFERENCE_VOLTS if supply is None else supply
-        chain.force = multiply(self.accel_inverse, accel.T - self._additive_errors(chain).accel)
-        chain.rate = multiply(self.gyro_inverse, gyro.T - self._additive_errors(chain).gyro)
-        for effect in self.effects:
-            chain.rate = effect.remove_nonlinearity(chain.rate, self.gyro_inverse)
+        chain.force = self._invert("accel", chain, accel.T - self._additive_errors(chain).accel)
+        chain.rate = self._invert("gyro", chain, gyro.T - self._additive_errors(chain).gyro)
         for effect in self.effects:
             effect.rotate_out_of_node(chain)
         return _preserve_clipping(gyro, chain.rate.T, GYRO_CLIPPING_LIMIT), _preserve_clipping(
             accel, chain.force.T, ACCEL_CLIPPING_LIMIT
         )
+
+    def _invert(self, sensor: Sensor, chain: SensorChain, reading: Array) -> Array:
+        """Return the true vectors (3, N) of readings without additive errors, (3, N).
+
+        The matrix of the triad is constant; scales that follow the temperature are inverted by iteration.
+        """
+        inverse = self.gyro_inverse if sensor == "gyro" else self.accel_inverse
+
+        def invert_constant(values: Array) -> Array:
+            vectors = multiply(inverse, values)
+            for effect in self.effects if sensor == "gyro" else ():
+                vectors = effect.remove_nonlinearity(vectors, inverse)
+            return vectors
+
+        true = invert_constant(reading)
+        for effect in self.effects:
+            if isinstance(effect, ScaleTemperature) and effect.sensor == sensor:
+                errors = effect.scale_errors(chain.temperature)
+                for _ in range(_SCALE_ITERATIONS):
+                    true = invert_constant(reading - errors * true)
+        return true
 
     def _additive_errors(self, chain: SensorChain) -> SensorChain:
         """Return a chain whose gyro and accel are the additive errors of a reading.

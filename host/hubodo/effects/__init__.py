@@ -15,10 +15,15 @@ from hubodo.effects.gyro import (
     GyroRateRandomWalk,
     GyroSaturation,
     GyroScaleFactor,
-    GyroTemperature,
 )
 from hubodo.effects.mounting import LeverArm, NodeMisalignment
 from hubodo.effects.sensor_chain import Geometry, Noise, SensorChain
+from hubodo.effects.temperature import (
+    AccelScaleTemperature,
+    AccelTemperature,
+    GyroScaleTemperature,
+    GyroTemperature,
+)
 from hubodo.effects.timing import ClockSkew, Outliers, SampleRepeat, TimeOffset
 from hubodo.effects.vehicle import RoadBank, RoadGrade, TrackWidth
 from hubodo.effects.warmup import GyroWarmup
@@ -37,6 +42,7 @@ EFFECTS: tuple[type[Effect], ...] = (
     NodeMisalignment,
     GyroLag,
     GyroScaleFactor,
+    GyroScaleTemperature,
     GyroNonorthogonality,
     GyroCubic,
     GyroBias,
@@ -47,8 +53,10 @@ EFFECTS: tuple[type[Effect], ...] = (
     GyroSaturation,
     GyroQuantization,
     AccelScaleFactor,
+    AccelScaleTemperature,
     AccelNonorthogonality,
     AccelBias,
+    AccelTemperature,
     AccelSaturation,
     Outliers,
     SampleRepeat,
@@ -64,6 +72,11 @@ def effect_of(name: str) -> type[Effect]:
     if name in BY_NAME:
         return BY_NAME[name]
     return empirical_class(name)
+
+
+def count_fitted_effects() -> int:
+    """Return the number of effects that a fit to a drive may move; the others come from a bench record."""
+    return sum(bool(kind.fitted_parameters()) for kind in BY_NAME.values())
 
 
 def sort_effects(effects: Iterable[Effect]) -> list[Effect]:
@@ -87,6 +100,7 @@ __all__ = [
     "Geometry",
     "Noise",
     "SensorChain",
+    "count_fitted_effects",
     "distinguishing_manoeuvre",
     "effect_of",
     "sort_effects",

@@ -13,7 +13,8 @@ from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
 from hubodo.effects.base import Dependency, Effect, Level, parameter
 from hubodo.effects.dependence import steering_rate
-from hubodo.effects.sensor_chain import REFERENCE_CELSIUS, REFERENCE_VOLTS, Geometry, SensorChain
+from hubodo.effects.sensor_chain import REFERENCE_VOLTS, Geometry, SensorChain
+from hubodo.effects.temperature import AccelTemperature
 
 _TORQUE_REVERSAL_ACCEL = 0.05  # m/s², width of the transition between the two ends of the play
 
@@ -74,22 +75,18 @@ class AccelRectification(Effect):
 
 
 @dataclass(frozen=True)
-class AccelTemperature(Effect):
-    """The accelerometer bias is proportional to the temperature difference from 25 °C."""
+class FittedAccelTemperature(AccelTemperature):
+    """The accelerometer bias follows the temperature, with linear terms that are fitted to the drive.
 
-    name: ClassVar[str] = "accel_temperature"
-    depends_on: ClassVar[Dependency | None] = "temperature"
-    is_invertible: ClassVar[bool] = True
-    meaning: ClassVar[str] = "the accelerometer's offset follows the temperature"
+    It replaces the effect of the same name, which only a bench record determines.
+    """
+
     confusable_with: ClassVar[Mapping[str, str]] = {
         "accel_bias": "let the temperature change by several degrees",
     }
-    x: float = parameter("(m/s²)/°C", 0.01)
-    y: float = parameter("(m/s²)/°C", 0.01, flips_with_facing=True)
-    z: float = parameter("(m/s²)/°C", 0.01, flips_with_facing=True)
-
-    def add_offsets(self, chain: SensorChain) -> None:
-        chain.accel += np.array([[self.x], [self.y], [self.z]]) * (chain.temperature - REFERENCE_CELSIUS)
+    x: float = parameter("m/s²/°C", 0.01)
+    y: float = parameter("m/s²/°C", 0.01, flips_with_facing=True)
+    z: float = parameter("m/s²/°C", 0.01, flips_with_facing=True)
 
 
 @dataclass(frozen=True)
@@ -178,7 +175,7 @@ FIELD_EFFECTS: tuple[type[Effect], ...] = (
     WheelSteering,
     AxlePlay,
     AccelRectification,
-    AccelTemperature,
+    FittedAccelTemperature,
     GyroSupply,
     MeanRoadBank,
     ReferenceLatency,

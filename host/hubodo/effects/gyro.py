@@ -11,9 +11,9 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
-from hubodo.effects.base import Dependency, Effect, OdometryPrior, Visibility, parameter
+from hubodo.effects.base import Effect, OdometryPrior, Visibility, parameter
 from hubodo.effects.one_pole import one_pole
-from hubodo.effects.sensor_chain import REFERENCE_CELSIUS, Noise, SensorChain
+from hubodo.effects.sensor_chain import Noise, SensorChain
 from hubodo.effects.triad import XYZ, CrossAxis, ScaleFactor, Sensor, multiply
 
 _CUBIC_RATE_RANGE = 36.0  # rad/s, just beyond the widest range of the gyros, 2000 deg/s
@@ -149,26 +149,6 @@ class GyroBias(Effect):
 
     def add_offsets(self, chain: SensorChain) -> None:
         chain.gyro += np.array([[self.x], [self.y], [self.z]])
-
-
-@dataclass(frozen=True)
-class GyroTemperature(Effect):
-    """The gyro bias is proportional to the temperature difference from 25 °C."""
-
-    name: ClassVar[str] = "gyro_temperature"
-    varies_between_drives: ClassVar[bool] = True
-    depends_on: ClassVar[Dependency | None] = "temperature"
-    is_invertible: ClassVar[bool] = True
-    meaning: ClassVar[str] = "the gyro's offset follows the temperature"
-    confusable_with: ClassVar[Mapping[str, str]] = {
-        "gyro_bias": "let the temperature change by several degrees",
-    }
-    x: float = parameter("rad/s/°C", 1e-3, max_plausible=0.1)
-    y: float = parameter("rad/s/°C", 1e-3, max_plausible=0.1, flips_with_facing=True)
-    z: float = parameter("rad/s/°C", 1e-3, max_plausible=0.1, flips_with_facing=True)
-
-    def add_offsets(self, chain: SensorChain) -> None:
-        chain.gyro += np.array([[self.x], [self.y], [self.z]]) * (chain.temperature - REFERENCE_CELSIUS)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from sensor_chains import two_samples
 
-from hubodo.effects.gyro import GyroCubic, GyroGSensitivity, GyroQuantization, GyroSaturation, GyroTemperature
+from hubodo.effects.gyro import GyroCubic, GyroGSensitivity, GyroQuantization, GyroSaturation
+from hubodo.effects.temperature import GyroTemperature
 
 
 def test_a_cubic_error_is_removed_exactly():

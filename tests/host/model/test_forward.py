@@ -70,6 +70,16 @@ def sized(name, **some):
     return kind(**(values | some))
 
 
+def polynomial(e, d):
+    """Return the polynomials of a temperature difference d (N,), (3, N)."""
+    coefficients = [
+        [e.x, e.y, e.z],
+        [e.x_quadratic, e.y_quadratic, e.z_quadratic],
+        [e.x_cubic, e.y_cubic, e.z_cubic],
+    ]
+    return sum(np.outer(row, d ** (n + 1)) for n, row in enumerate(coefficients))
+
+
 # Each line: change of gyro and accelerometer by the effect, from rate w and force f (3, N), age and
 # temperature (N,).
 ADDS = {
@@ -93,7 +103,10 @@ ADDS = {
         + np.outer([e.x_second, e.y_second, e.z_second], 1.0 - np.exp(-age / e.time_constant_second)),
         0,
     ),
-    "gyro_temperature": lambda e, w, f, age, warm: (np.outer([e.x, e.y, e.z], warm - 25.0), 0),
+    "gyro_temperature": lambda e, w, f, age, warm: (polynomial(e, warm - 25.0), 0),
+    "accel_temperature": lambda e, w, f, age, warm: (0, polynomial(e, warm - 25.0)),
+    "gyro_scale_temperature": lambda e, w, f, age, warm: (np.outer([e.x, e.y, e.z], warm - 25.0) * w, 0),
+    "accel_scale_temperature": lambda e, w, f, age, warm: (0, np.outer([e.x, e.y, e.z], warm - 25.0) * f),
     "gyro_g_sensitivity": lambda e, w, f, age, warm: (
         np.stack(
             [
@@ -250,6 +263,7 @@ def slow_chain(values, w, f, age, warm):
         n = values[f"{triad}_nonorthogonality"]
         matrix = np.array([[0, n["xz"], -n["xy"]], [-n["yz"], 0, n["yx"]], [n["zy"], -n["zx"], 0]])
         result = vector + of(f"{triad}_scale_factor", "xyz") * vector + matrix @ vector
+        result = result + (warm - 25.0) * of(f"{triad}_scale_temperature", "xyz") * vector
         if triad == "gyro":
             shown = result
             shown[2] += values["gyro_cubic"]["z"] * vector[2] ** 3
@@ -260,7 +274,10 @@ def slow_chain(values, w, f, age, warm):
     shown = shown + of("gyro_warmup", "xyz") * (1 - np.exp(-age / warmup["time_constant"]))
     second = of("gyro_warmup", ("x_second", "y_second", "z_second"))
     shown = shown + second * (1 - np.exp(-age / warmup["time_constant_second"]))
-    shown = shown + of("gyro_temperature", "xyz") * (warm - 25.0)
+    for n, suffix in enumerate(("", "_quadratic", "_cubic")):
+        names = [axis + suffix for axis in "xyz"]
+        shown = shown + of("gyro_temperature", names) * (warm - 25.0) ** (n + 1)
+        read = read + of("accel_temperature", names) * (warm - 25.0) ** (n + 1)
     for axis, names in enumerate((("xx", "xy", "xz"), ("yx", "yy", "yz"), "xyz")):
         shown[axis] += of("gyro_g_sensitivity", names) @ f
     read = read + of("accel_bias", "xyz")
@@ -345,4 +362,4 @@ def test_the_table_of_effects_in_the_readme_is_the_list_of_effects():
     assert list(documented) == [kind.name for kind in EFFECTS]
     for kind in EFFECTS:
         assert documented[kind.name] == (kind.level, list(kind.parameters())), kind.name
-    assert len(BY_NAME) == len(EFFECTS) == 29
+    assert len(BY_NAME) == len(EFFECTS) == 32

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from hubodo.arrays import Array
-from hubodo.effects import BY_NAME
+from hubodo.effects import count_fitted_effects
 from hubodo.effects.empirical import PREFIX
 from hubodo.gap.judge.hypothesis import Hypothesis
 
@@ -61,7 +61,9 @@ def sum_by_name(hypotheses: Sequence[Hypothesis], own: Hypothesis | None) -> dic
 
 def _log_priors(names: Sequence[str]) -> Array:
     """Return ln prior of candidates, (len(names),): equal for all effects, shared among scopes and seeds."""
-    return np.array([_LOG_PRIOR_LISTED - log(len(BY_NAME)) - log(names.count(name)) for name in names])
+    return np.array(
+        [_LOG_PRIOR_LISTED - log(count_fitted_effects()) - log(names.count(name)) for name in names]
+    )
 
 
 def _normalise(scores: Mapping[str, float]) -> dict[str, float]:

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from math import log
 
-from hubodo.effects import BY_NAME
+from hubodo.effects import count_fitted_effects
 from hubodo.effects.empirical import PREFIX
 from hubodo.gap.judge.hypothesis import Hypothesis
 from hubodo.gap.judge.round import EMPIRICAL, MIN_ADD_PROBABILITY, Round
@@ -221,7 +221,7 @@ def _replace_walk(
     if len(rounds) < 2:
         # Each effect alone was already compared with the walk.
         return None
-    selection_cost, cost = log(2.0 * len(BY_NAME)), 0.0
+    selection_cost, cost = log(2.0 * count_fitted_effects()), 0.0
     for judged_further in rounds.values():
         assert judged_further.best is not None
         cost += (

@@ -23,6 +23,9 @@ SIZES = {
     "gyro_bias": 0.05,
     "gyro_warmup": 0.02,
     "gyro_temperature": 0.001,
+    "gyro_scale_temperature": 1e-4,
+    "accel_temperature": 0.01,
+    "accel_scale_temperature": 1e-4,
     "gyro_g_sensitivity": 1e-3,
     "gyro_scale_factor": 0.03,
     "gyro_nonorthogonality": 0.02,
@@ -40,7 +43,10 @@ def drawn(seed):
     effects = {}
     for name in SIZES:
         parameters = BY_NAME[name].parameters()
-        values = {p: Quantity(float(SIZES[name] * rng.normal()), 1e-3) for p in parameters}
+        sizes = {
+            p: SIZES[name] * 0.02 ** p.count("_quadratic") * 4e-4 ** p.count("_cubic") for p in parameters
+        }
+        values = {p: Quantity(float(sizes[p] * rng.normal()), 1e-3) for p in parameters}
         if name == "gyro_warmup":
             values["time_constant"] = Quantity(600.0, 10.0)
             values["time_constant_second"] = Quantity(2500.0, 10.0)
@@ -80,11 +86,20 @@ def chain(node, gyro, accel, age, temperature):
             ]
         )
 
+    def polynomial(kind, axis, warmth):
+        names = (axis, f"{axis}_quadratic", f"{axis}_cubic")
+        return sum(v(f"{kind}_temperature", name) * warmth ** (n + 1) for n, name in enumerate(names))
+
     turn = Rotation.from_rotvec([v("node_misalignment", axis) for axis in "xyz"]).inv()
     raw_gyro, raw_accel = [], []
     for w, f, t, warm in zip(gyro, accel, age, temperature, strict=True):
         w, f = turn.apply(w), turn.apply(f)
-        shown = matrix("gyro") @ w
+        warmth = warm - 25.0
+        drift = {
+            kind: warmth * np.array([v(f"{kind}_scale_temperature", axis) for axis in "xyz"])
+            for kind in ("gyro", "accel")
+        }
+        shown = matrix("gyro") @ w + drift["gyro"] * w
         shown[2] += v("gyro_cubic", "z") * w[2] ** 3
         for i, axis in enumerate("xyz"):
             names = ("x", "y", "z") if axis == "z" else (f"{axis}x", f"{axis}y", f"{axis}z")
@@ -92,10 +107,11 @@ def chain(node, gyro, accel, age, temperature):
             for w in ("", "_second"):
                 grown = 1 - np.exp(-t / v("gyro_warmup", f"time_constant{w}"))
                 shown[i] += v("gyro_warmup", axis + w) * grown
-            shown[i] += v("gyro_temperature", axis) * (warm - 25.0)
+            shown[i] += polynomial("gyro", axis, warmth)
             shown[i] += sum(v("gyro_g_sensitivity", name) * f[k] for k, name in enumerate(names))
         raw_gyro.append(shown)
-        raw_accel.append(matrix("accel") @ f + [v("accel_bias", axis) for axis in "xyz"])
+        bias = [v("accel_bias", axis) + polynomial("accel", axis, warmth) for axis in "xyz"]
+        raw_accel.append(matrix("accel") @ f + drift["accel"] * f + bias)
     return np.array(raw_gyro), np.array(raw_accel)
 
 
