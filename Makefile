@@ -76,6 +76,7 @@ accuracy: setup      ## accuracy over many seeded drives and records; about seve
 	$(BIN)/python tests/accuracy/compass.py
 	$(BIN)/python tests/accuracy/allan_truth.py 40
 	$(BIN)/python tests/accuracy/warmup_forms.py
+	$(BIN)/python tests/accuracy/warmup_temperature.py
 	$(BIN)/python tests/accuracy/north_found.py
 	$(BIN)/python tests/accuracy/north_methods.py
 	$(BIN)/python tests/accuracy/stated_inputs.py
@@ -84,6 +85,7 @@ accuracy: setup      ## accuracy over many seeded drives and records; about seve
 	$(BIN)/python tests/accuracy/poses.py
 	$(BIN)/python tests/accuracy/imu_records.py
 	$(BIN)/python tests/accuracy/imu_means.py
+	$(BIN)/python tests/accuracy/imu_temperature.py
 	$(BIN)/python tests/accuracy/rate_table.py
 	$(BIN)/python tests/accuracy/pose_plan.py
 	$(BIN)/python tests/accuracy/node_bias.py

@@ -53,3 +53,22 @@ def heated(t, size, constant, rng):
     for k in range(1, len(t)):
         package[k] = package[k - 1] + (chip[k] - package[k - 1]) / lag
     return chip + rng.normal(0.0, 0.02, len(t)), size / 8.0 * (package - 25.0)
+
+
+def heat_cycle(seconds, order, rng, hysteresis=0.0, added="", warm=0.0):
+    """Return (t, output, temperature, coefficients) once per second, deg/s; a chamber swings by 15 degrees.
+
+    The bias is a polynomial of the temperature difference from 25 °C with (order,) coefficients, deg/s/°C^n.
+    hysteresis: deg/s between warming and cooling. warm: size of an exponential of 20 minutes, deg/s.
+    """
+    t = np.arange(0.0, seconds)
+    true = 25.0 + 15.0 * np.sin(2.0 * np.pi * 1.5 * t / seconds)
+    coefficients = 0.02 * np.array([1.0, 0.05, 2e-3])[:order] * rng.choice([-1.0, 1.0], order)
+    coefficients *= np.exp(0.3 * rng.standard_normal(order))
+    bias = sum(k * (true - 25.0) ** (n + 1) for n, k in enumerate(coefficients)) + 0.3 * rng.standard_normal()
+    bias = bias + 0.5 * hysteresis * np.sign(np.gradient(true)) - warm * np.expm1(-t / 1200.0)
+    if added == "random walk":
+        bias = bias + gyro_noise(len(t), 1.0, rng, k=WALK)
+    elif added == "flicker":
+        bias = bias + gyro_noise(len(t), 1.0, rng, b=FLICKER)
+    return t, bias, true + rng.normal(0.0, 0.02, len(t)), coefficients

@@ -87,6 +87,7 @@ class SensorMethods(ChannelMethods):
         table_rate_deg_s: float | None = None,
         convention: Convention = "symmetric",
         min_standstill: float = 1.0,
+        temperature_order: int | None = None,
     ) -> ImuCalibration:
         """Calibrate accelerometer and gyro from nine or more static poses, as `hubodo calibrate imu` does.
 
@@ -104,6 +105,9 @@ class SensorMethods(ChannelMethods):
             Accelerometer frame: symmetric cross-axis matrix, or x axis along sensor x.
         min_standstill : float
             Shortest standstill that counts as a pose, s.
+        temperature_order : int, optional
+            Order of the polynomials by which the biases follow the temperature, 0 for none; by default as
+            held-out poses decide.
 
         Returns
         -------
@@ -124,7 +128,9 @@ class SensorMethods(ChannelMethods):
         from hubodo.sensors.imu.node_imu import ImuOptions, calibrate_node_imu
 
         name = self._node(node)
-        options = ImuOptions(gravity, latitude_deg, table_rate_deg_s, convention, min_standstill)
+        options = ImuOptions(
+            gravity, latitude_deg, table_rate_deg_s, convention, min_standstill, temperature_order
+        )
         return calibrate_node_imu(self.recording.nodes[name], name, str(self.path), options)
 
     def calibrate_rate(

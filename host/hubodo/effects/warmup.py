@@ -82,20 +82,36 @@ class GyroWarmup(Effect):
         return ""
 
 
-WarmupKind = Literal["exponential", "two exponentials", "exponential and temperature", "temperature"]
+WarmupKind = Literal[
+    "exponential",
+    "two exponentials",
+    "exponential and temperature",
+    "temperature",
+    "quadratic temperature",
+    "cubic temperature",
+    "exponential and quadratic temperature",
+]
+
+TEMPERATURE_PARAMETERS = ("temperature_coefficient", "temperature_quadratic", "temperature_cubic")
+"""Coefficients of the temperature difference from 25 °C, by increasing power."""
 
 WARMUP_PARAMETERS: dict[WarmupKind, tuple[str, ...]] = {
     "exponential": ("c2", "c1", "time_constant"),
     "two exponentials": ("c2", "c1", "time_constant", "c1_second", "time_constant_second"),
     "exponential and temperature": ("c2", "c1", "time_constant", "temperature_coefficient"),
     "temperature": ("c2", "temperature_coefficient"),
+    "quadratic temperature": ("c2", *TEMPERATURE_PARAMETERS[:2]),
+    "cubic temperature": ("c2", *TEMPERATURE_PARAMETERS),
+    "exponential and quadratic temperature": ("c2", "c1", "time_constant", *TEMPERATURE_PARAMETERS[:2]),
 }
 """Parameters of each warm-up model, in the order of the fit."""
 
 
 @dataclass(frozen=True)
 class WarmupModel:
-    """Gyro bias during warm-up: c2 + c1 (1 - e^(-t/T)) [+ c1' (1 - e^(-t/T'))] [+ k (temperature - 25 °C)].
+    """Gyro bias during warm-up: c2 + c1 (1 - e^(-t/T)) [+ c1' (1 - e^(-t/T'))] [+ sum of k_n D^n].
+
+    D is the difference of the temperature from 25 °C.
 
     The first exponential is eq. (1) of Barshan and Durrant-Whyte; t is the time since power-on.
 
@@ -104,7 +120,7 @@ class WarmupModel:
     c2 : rad/s, bias at power-on.
     c1, time_constant : rad/s and s, amplitude and T of the first exponential.
     c1_second, time_constant_second : rad/s and s, amplitude c1' and T' of the second exponential.
-    temperature_coefficient : (rad/s)/°C, k.
+    temperature_coefficient, temperature_quadratic, temperature_cubic : (rad/s)/°C^n, k_n.
     """
 
     c2: float
@@ -113,6 +129,8 @@ class WarmupModel:
     c1_second: float = 0.0
     time_constant_second: float = math.inf
     temperature_coefficient: float = 0.0
+    temperature_quadratic: float = 0.0
+    temperature_cubic: float = 0.0
 
     def bias(self, t: Array, temperature: Array | None = None) -> Array:
         """Return the bias in rad/s, (N,), at t (N,) s since power-on.
@@ -122,8 +140,10 @@ class WarmupModel:
         bias = self.c2 + self.c1 * warmup_fraction(t, self.time_constant)
         if self.c1_second:
             bias += self.c1_second * warmup_fraction(t, self.time_constant_second)
-        if self.temperature_coefficient:
-            if temperature is None:
-                raise ValueError("this warm-up model needs the temperature")
-            bias += self.temperature_coefficient * (temperature - REFERENCE_CELSIUS)
+        coefficients = self.temperature_coefficient, self.temperature_quadratic, self.temperature_cubic
+        for n, coefficient in enumerate(coefficients):
+            if coefficient:
+                if temperature is None:
+                    raise ValueError("this warm-up model needs the temperature")
+                bias += coefficient * (temperature - REFERENCE_CELSIUS) ** (n + 1)
         return bias

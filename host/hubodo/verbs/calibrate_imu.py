@@ -69,6 +69,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="shortest standstill that counts as a pose, s (default 1)",
     )
     parser.add_argument(
+        "--temperature-order",
+        type=int,
+        choices=range(4),
+        help="order of the polynomials by which the biases follow the temperature, 0 for none (default: as "
+        "held-out poses decide)",
+    )
+    parser.add_argument(
         "--means",
         action="store_true",
         help="LOG is a table with one row for each pose: means such as ax; sigma_ax, or std_ax and count; "
@@ -165,7 +172,14 @@ def _write(
 
 def imu_options(args: argparse.Namespace) -> ImuOptions:
     """Return the options of the calibration."""
-    return ImuOptions(args.gravity, args.latitude_deg, args.table_rate_deg_s, args.convention, args.min_rest)
+    return ImuOptions(
+        args.gravity,
+        args.latitude_deg,
+        args.table_rate_deg_s,
+        args.convention,
+        args.min_rest,
+        args.temperature_order,
+    )
 
 
 def calibrated_effects(

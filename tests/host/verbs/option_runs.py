@@ -74,6 +74,7 @@ RUNS: tuple[Run, ...] = (
     *_logs("calibrate imu", "--node left -o out-{n}.toml", 2),
     Run(
         "calibrate imu poses.mcap --node left --gravity 9.81 --latitude-deg 48 --convention x-first "
+        "--temperature-order 0 "
         "--min-rest 0.5 --force --report out-{n}.html -o out-{n}.toml --units common"
     ),
     Run(

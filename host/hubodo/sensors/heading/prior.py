@@ -13,7 +13,8 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.calibration.file import CalibratedEffect
 from hubodo.calibration.triad import triad_from_effects
-from hubodo.effects.warmup import WarmupModel
+from hubodo.effects.temperature import POLYNOMIAL_SUFFIXES
+from hubodo.effects.warmup import TEMPERATURE_PARAMETERS, WarmupModel
 from hubodo.errors import InputError
 from hubodo.fuse.heading_filter import BiasNoise
 
@@ -85,7 +86,9 @@ def vertical_axis_warmup(
     if temperature_effect is not None and axis in temperature_effect.parameters:
         if not thermometer:
             raise InputError("the calibrated bias depends on temperature, which this log does not have")
-        model = replace(model, temperature_coefficient=value_upwards(temperature_effect))
+        pairs = zip(POLYNOMIAL_SUFFIXES, TEMPERATURE_PARAMETERS, strict=True)
+        polynomial = {name: value_upwards(temperature_effect, suffix) for suffix, name in pairs}
+        model = replace(model, **polynomial)
         sigmas["temperature_coefficient"] = temperature_effect.parameters[axis].sigma
     return model, sigmas
 

@@ -12,16 +12,18 @@ from hubodo.calibration.triad import Triad
 from hubodo.earth import EARTH_RATE, STANDARD_GRAVITY
 from hubodo.errors import CalibrationError, InputError
 from hubodo.sensors.imu.accel_frame import accel_frame_covariance
+from hubodo.sensors.imu.accel_poses import calibrate_accelerometers
 from hubodo.sensors.imu.axis_signs import check_axis_signs
 from hubodo.sensors.imu.earth_in_turns import estimate_earth_in_turns
-from hubodo.sensors.imu.held_out import CrossValidation, cross_validate_accel, cross_validate_turns
+from hubodo.sensors.imu.held_out import cross_validate_turns
 from hubodo.sensors.imu.latitude_check import check_horizontal_rate
 from hubodo.sensors.imu.nonlinear_gyros import calibrate_with_terms
-from hubodo.sensors.imu.nonlinear_terms import describe_accelerometers, fit_accelerometers
-from hubodo.sensors.imu.outlier_poses import drop_outlier_poses
+from hubodo.sensors.imu.pose_temperature import measure_pose_temperature
 from hubodo.sensors.imu.result import ImuCalibration, TriadCalibration
 from hubodo.sensors.imu.scalar_calibration import Convention, ScalarCalibration
 from hubodo.sensors.imu.standstills import Standstills, find_standstills
+from hubodo.sensors.imu.temperature_result import TemperatureTerms
+from hubodo.sensors.imu.temperature_stages import state_at_reference, subtract_gyro_polynomial
 from hubodo.sensors.imu.turns import Turns, collect_turns
 from hubodo.sensors.imu.uneven_codes import uneven_code_sigma, widen_accelerometers
 from hubodo.sensors.imu.vector_references import (
@@ -48,6 +50,8 @@ def calibrate_imu(
     table_rate: float | None = None,
     convention: Convention = "symmetric",
     min_standstill: float = 1.0,
+    temperature: Array | None = None,
+    temperature_order: int | None = None,
 ) -> ImuCalibration:
     """Calibrate both triads of a node from a record with standstills in nine or more poses.
 
@@ -56,8 +60,10 @@ def calibrate_imu(
     it, or if the gyros are too noisy, the turns between standstills are the reference. table_rate: rate of a
     rate table, rad/s, on which the node turned steadily in nine or more poses; it is then the reference. The
     reference of a gyro alone is Earth rate or that of the table. convention: convention of the
-    accelerometer misalignments. min_standstill: s. Raises CalibrationError if data are missing, InputError
-    for an impossible gravity or latitude.
+    accelerometer misalignments. min_standstill: s. temperature: (N,) °C, NaN where unknown; biases and scales
+    are then stated at 25 °C, with the terms of the temperature that the record shows. temperature_order:
+    stated order of the polynomials of the biases; None selects it. Raises CalibrationError if data are
+    missing, InputError for an impossible gravity or latitude.
     """
     check_place(gravity, latitude)
     _check_finite(t, gyro, accel)
@@ -66,20 +72,34 @@ def calibrate_imu(
         notes = [f"gyros: {alone.method}", "gyro misalignments by the symmetric convention: no accelerometer"]
         return ImuCalibration(rests, gravity, None, None, alone, tuple(notes))
     standstills = find_standstills(t, gyro, accel, min_duration=min_standstill)
-    standstills, accelerometers, held_out, notes = calibrate_accelerometers(
-        widen_accelerometers(accel, standstills), gravity, convention
+    temperatures = measure_pose_temperature(t, temperature, standstills, is_required=bool(temperature_order))
+    poses = calibrate_accelerometers(
+        widen_accelerometers(accel, standstills), gravity, convention, temperatures, temperature_order
     )
-    if not gyro.shape[1]:
-        return ImuCalibration(standstills, gravity, accelerometers, held_out, None, tuple(notes))
-    force = accelerometers.correct(standstills.accel)
-    all_force = np.asarray(accelerometers.correct(accel))
-    check_axis_signs(collect_turns(t, gyro, standstills.gyro.mean(axis=0), standstills, force))
-    if table_rate is None:
-        calibrated = _calibrate_gyro(t, gyro, all_force, standstills, accelerometers, latitude, notes)
-    else:
-        calibrated = calibrate_by_table(t, gyro, standstills, force, table_rate, notes)
-    notes.insert(1, f"gyros: {calibrated.method}")
-    return ImuCalibration(standstills, gravity, accelerometers, held_out, calibrated, tuple(notes))
+    standstills, accelerometers, notes, terms = poses.standstills, poses.accel, poses.notes, poses.temperature
+    result = ImuCalibration(standstills, gravity, accelerometers, poses.held_out, None, ())
+    if terms is not None and terms.accel is not None:
+        accel = terms.accel.remove(accel, terms.temperatures.samples)
+    if gyro.shape[1]:
+        # Rounded codes are recognised in the samples as they were measured.
+        uneven = uneven_code_sigma(gyro, standstills, notes)
+        if terms is not None:
+            gyro, standstills, terms = subtract_gyro_polynomial(gyro, standstills, terms, temperature_order)
+        force = accelerometers.correct(standstills.accel)
+        check_axis_signs(collect_turns(t, gyro, standstills.gyro.mean(axis=0), standstills, force))
+        if table_rate is None:
+            all_force = np.asarray(accelerometers.correct(accel))
+            calibrated = _calibrate_gyro(
+                t, gyro, all_force, standstills, accelerometers, latitude, notes, uneven, terms
+            )
+        else:
+            calibrated = calibrate_by_table(t, gyro, standstills, force, table_rate, notes)
+        if terms is not None:
+            calibrated, terms = state_at_reference(calibrated, terms)
+        notes.insert(1, f"gyros: {calibrated.method}")
+        result = replace(result, gyro=calibrated)
+    notes.extend([] if terms is None else terms.notes())
+    return replace(result, notes=tuple(notes), temperature=terms)
 
 
 def check_place(gravity: float, latitude: float | None) -> None:
@@ -91,34 +111,6 @@ def check_place(gravity: float, latitude: float | None) -> None:
     if latitude is not None and abs(latitude) > np.pi / 2:
         degrees = "; it is given in degrees, radians are expected" if abs(latitude) <= 90 else ""
         raise InputError(f"latitude {np.degrees(latitude):.4g} degrees is out of range{degrees}")
-
-
-def calibrate_accelerometers(
-    standstills: Standstills, gravity: float, convention: Convention
-) -> tuple[Standstills, ScalarCalibration, CrossValidation | None, list[str]]:
-    """Calibrate the accelerometer triad by the length of gravity, m/s², without contradictory standstills.
-
-    Returns the standstills used, the calibration, its errors on standstills that were not fitted, and notes.
-    Raises CalibrationError if the poses do not suffice, or held-out poses become worse.
-    """
-    standstills = drop_outlier_poses(standstills, gravity)
-    calibration = fit_accelerometers(standstills, gravity, convention)
-    held_out = cross_validate_accel(standstills, gravity, convention, calibration.exponents)
-    if held_out is not None and held_out.rms > held_out.rms_before:
-        raise CalibrationError(
-            "the calibration makes the length of gravity worse in static poses that were not fitted "
-            f"({held_out.rms_before:.2g} m/s² before, {held_out.rms:.2g} after): the accelerometers are "
-            "better than these poses show; stand still longer, in more poses"
-        )
-    notes = [
-        f"accelerometer misalignments: {convention} convention, from the norm of gravity in "
-        f"{len(standstills)} {'poses' if standstills.are_means else 'standstills'}",
-        *standstills.rejected,
-        *describe_accelerometers(calibration),
-    ]
-    if not calibration.poses.is_sufficient:
-        notes.insert(1, f"left out: {calibration.poses.describe_deficit('accel')}")
-    return standstills, calibration, held_out, notes
 
 
 def _check_finite(t: Array, gyro: Array, accel: Array) -> None:
@@ -211,18 +203,19 @@ def _calibrate_gyro(
     accel: ScalarCalibration,
     latitude: float | None,
     notes: list[str],
+    uneven_sigma: Array,
+    terms: TemperatureTerms | None = None,
 ) -> TriadCalibration:
     force = accel.correct(standstills.accel)
-    bias, bias_covariance, g_sensitivity, g_sigma = estimate_static_bias(
-        standstills.gyro, standstills.gyro_sigma, force
-    )
-    uneven = np.diag(uneven_code_sigma(gyro, standstills, notes) ** 2)
+    static_bias = estimate_static_bias(standstills.gyro, standstills.gyro_sigma, force)
+    bias, bias_covariance, g_sensitivity, g_sigma = static_bias
+    uneven = np.diag(uneven_sigma**2)
     if (by_earth_rate := try_earth_rate(standstills, force, latitude, notes)) is not None:
         return replace(by_earth_rate, covariance=by_earth_rate.covariance + np.pad(uneven, (0, 9)))
     # A turn passes many codes, so this sigma is part of the prior with which the turns estimate the bias.
     bias_covariance = bias_covariance + uneven
     total_bias = np.asarray(bias if g_sensitivity is None else bias + all_force @ g_sensitivity.T)
-    turns = collect_turns(t, gyro, total_bias, standstills, force)
+    turns = _add_temperature(collect_turns(t, gyro, total_bias, standstills, force), standstills, terms)
     # The direction of Earth rate in each standstill is unknown, so it adds to the uncertainty of the bias.
     unknown_earth = np.eye(3) * EARTH_RATE**2 / 3 / len(standstills)
     try:
@@ -245,7 +238,7 @@ def _calibrate_gyro(
             g_sigma = np.hypot(g_sigma, np.eye(3) * EARTH_RATE / np.sqrt(3) / STANDARD_GRAVITY)
         total_bias = np.asarray(bias if g_sensitivity is None else bias + all_force @ g_sensitivity.T)
         turns = replace(
-            collect_turns(t, gyro, total_bias, standstills, force),
+            _add_temperature(collect_turns(t, gyro, total_bias, standstills, force), standstills, terms),
             earth_slopes=earth.turns.earth_slopes,
             earth_sigma=earth.turns.earth_sigma,
         )
@@ -262,6 +255,16 @@ def _calibrate_gyro(
         # Near their ends the turns use the same codes as the standstills.
         calibrated = replace(calibrated, covariance=calibrated.covariance + np.pad(uneven, (0, 9)))
     return calibrated
+
+
+def _add_temperature(turns: Turns, standstills: Standstills, terms: TemperatureTerms | None) -> Turns:
+    """Return the turns with their temperatures, if it changes."""
+    if terms is None:
+        return turns
+    samples = terms.temperatures.samples
+    starts, ends = standstills.end[:-1] - 1, standstills.start[1:] + 1
+    means = np.array([samples[i:j].mean() for i, j in zip(starts, ends, strict=True)])
+    return replace(turns, temperature=means[turns.number])
 
 
 def _add_turns(

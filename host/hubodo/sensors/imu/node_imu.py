@@ -29,6 +29,7 @@ class ImuOptions:
         table_rate_deg_s: constant rate of a rate table, as the reference of the gyro.
         convention: accelerometer frame.
         min_standstill: shortest standstill that counts as a pose, s.
+        temperature_order: order of the polynomials of the biases in the temperature; None selects it.
     """
 
     gravity: float = STANDARD_GRAVITY
@@ -36,6 +37,7 @@ class ImuOptions:
     table_rate_deg_s: float | None = None
     convention: Convention = "symmetric"
     min_standstill: float = 1.0
+    temperature_order: int | None = None
 
     @property
     def latitude(self) -> float | None:
@@ -71,6 +73,8 @@ def calibrate_node_imu(
         table_rate=None if rate is None else math.radians(rate),
         convention=options.convention,
         min_standstill=options.min_standstill,
+        temperature=table.columns.get("temperature"),
+        temperature_order=options.temperature_order,
     )
     return replace(result, node=node)
 

@@ -1,8 +1,9 @@
-"""Asymmetry and cubic terms of gyros, tested and estimated in the turns between standstills.
+"""Asymmetry, cubic terms and temperature of gyro scales, tested in the turns between standstills.
 
-With the rate y that a linear gyro would read, it reads y + k |y| (a scale that depends on the direction) or
-y + k y³. Such a term moves gravity after a turn by an amount that scale and cross-axis terms do not
-explain, if turns differ in direction and speed.
+With the rate y that a linear gyro would read, it reads y + k |y| (a scale that depends on the direction),
+y + k y³, or y + k y T with the temperature T about the mean of the turns. Such a term moves gravity after a
+turn by an amount that scale and cross-axis terms do not explain, if turns differ in direction, speed or
+temperature.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from hubodo.sensors.imu.turn_calibration import TurnCalibration, calibrate_from_
 from hubodo.sensors.imu.turns import Turns, propagate_gravity, turn_errors
 
 _FAMILIES = (1, 3)
+_TEMPERATURE = 0
+"""Family of the scales that follow the temperature."""
 _FAMILY_NAMES = {1: "asymmetry", 3: "cubic"}
 _SLOPE_STEP = 1e-4
 """Change of the rate at 1 rad/s by which a derivative is computed."""
@@ -41,7 +44,8 @@ def calibrate_with_terms(turns: Turns, bias_sigma: Array) -> tuple[Turns, TurnCa
         error = turn_errors(trial, calibration.matrix, calibration.bias_change, others)
         return calibration, float((error**2).sum()), 2.0 * len(error) - 12 - trial.slopes.shape[2]
 
-    calibration, families = select_terms(fit, _FAMILIES)
+    candidates = _FAMILIES if turns.temperature is None else (_TEMPERATURE, *_FAMILIES)
+    calibration, families = select_terms(fit, candidates)
     if not families:
         return turns, plain, ()
     k = np.zeros(3 * len(families))
@@ -49,11 +53,27 @@ def calibrate_with_terms(turns: Turns, bias_sigma: Array) -> tuple[Turns, TurnCa
         k = k + calibration.terms
         linear = _with_slopes(_remove_terms(turns, families, k), families, calibration)
         calibration = calibrate_from_turns(linear, bias_sigma)
-    return linear, calibration, _describe(families, k + calibration.terms, calibration.term_sigma)
+    values, sigma = (k + calibration.terms).reshape(-1, 3), calibration.term_sigma.reshape(-1, 3)
+    if families[0] == _TEMPERATURE:
+        mean = float(turns.temperature.mean()) if turns.temperature is not None else 0.0
+        calibration = replace(
+            calibration, scale_per_degree=values[0], scale_per_degree_sigma=sigma[0], mean_temperature=mean
+        )
+        families, values, sigma = families[1:], values[1:], sigma[1:]
+    return linear, calibration, _describe(families, values, sigma)
 
 
-def _shape(family: int, rate: Array) -> Array:
+def _shape(family: int, rate: Array, turns: Turns) -> Array:
+    """Return what a term of a family multiplies at rates (T, L, 3)."""
+    if family == _TEMPERATURE and turns.temperature is not None:
+        return np.asarray(rate * _warmth(turns)[:, None, None])
     return np.abs(rate) if family == 1 else rate**3
+
+
+def _warmth(turns: Turns) -> Array:
+    """Return the temperatures of the turns about their mean, (T,) °C."""
+    temperature = np.zeros(len(turns.dt)) if turns.temperature is None else turns.temperature
+    return np.asarray(temperature - temperature.mean())
 
 
 def _remove_terms(turns: Turns, families: tuple[int, ...], k: Array) -> Turns:
@@ -61,7 +81,7 @@ def _remove_terms(turns: Turns, families: tuple[int, ...], k: Array) -> Turns:
     rate = turns.rate
     for _ in range(_ITERATIONS):
         terms = zip(families, k.reshape(-1, 3), strict=True)
-        rate = turns.rate - sum((row * _shape(n, rate) for n, row in terms), np.zeros(3))
+        rate = turns.rate - sum((row * _shape(n, rate, turns) for n, row in terms), np.zeros(3))
     return replace(turns, rate=rate)
 
 
@@ -74,7 +94,7 @@ def _with_slopes(turns: Turns, families: tuple[int, ...], calibration: TurnCalib
     slopes = []
     for family in families:
         for axis in np.eye(3):
-            rate = turns.rate - _SLOPE_STEP * axis * _shape(family, turns.rate)
+            rate = turns.rate - _SLOPE_STEP * axis * _shape(family, turns.rate, turns)
             changed = propagate_gravity(replace(turns, rate=rate), matrix, change)
             slopes.append((end - changed) / _SLOPE_STEP)
     return replace(turns, term_slopes=np.stack(slopes, axis=2))
@@ -82,7 +102,7 @@ def _with_slopes(turns: Turns, families: tuple[int, ...], calibration: TurnCalib
 
 def _describe(families: tuple[int, ...], k: Array, sigma: Array) -> tuple[str, ...]:
     lines = []
-    for family, row, row_sigma in zip(families, k.reshape(-1, 3), sigma.reshape(-1, 3), strict=True):
+    for family, row, row_sigma in zip(families, k, sigma, strict=True):
         values = ", ".join(
             f"{axis} {100 * v:+.2g} ± {100 * s:.1g} %"
             for axis, v, s in zip("xyz", row, row_sigma, strict=True)

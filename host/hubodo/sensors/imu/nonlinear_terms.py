@@ -13,7 +13,12 @@ import numpy as np
 from scipy.special import fdtrc
 
 from hubodo.errors import CalibrationError
-from hubodo.sensors.imu.scalar_calibration import Convention, ScalarCalibration, fit_scalar_calibration
+from hubodo.sensors.imu.scalar_calibration import (
+    Convention,
+    PoseTerm,
+    ScalarCalibration,
+    fit_scalar_calibration,
+)
 from hubodo.sensors.imu.standstills import Standstills
 
 MAX_P_VALUE = 0.01
@@ -61,8 +66,13 @@ def select_terms(
     return best, chosen
 
 
-def fit_accelerometers(standstills: Standstills, gravity: float, convention: Convention) -> ScalarCalibration:
-    """Return the scalar calibration of the accelerometers, beside nonlinear terms if they are significant."""
+def fit_accelerometers(
+    standstills: Standstills, gravity: float, convention: Convention, pose_terms: tuple[PoseTerm, ...] = ()
+) -> ScalarCalibration:
+    """Return the scalar calibration of the accelerometers, beside nonlinear terms if they are significant.
+
+    pose_terms: further terms, estimated beside them.
+    """
 
     def fit(exponents: tuple[int, ...]) -> tuple[ScalarCalibration, float, float]:
         calibration = fit_scalar_calibration(
@@ -72,10 +82,11 @@ def fit_accelerometers(standstills: Standstills, gravity: float, convention: Con
             convention=convention,
             allow_partial=True,
             exponents=exponents,
+            pose_terms=pose_terms,
         )
         if not calibration.is_observable.all():
             return calibration, np.inf, 0.0
-        dof = len(standstills) - 9 - 3 * len(exponents)
+        dof = len(standstills) - 9 - 3 * len((*exponents, *pose_terms))
         return calibration, (calibration.reduced_chi2 or 0.0) * dof, dof
 
     return select_terms(fit, _ACCEL_EXPONENTS)[0]

@@ -12,7 +12,7 @@ from hubodo.calibration.parameter_table import parameter_rows as table_rows
 from hubodo.pages.curves import Curve, draw_curves
 from hubodo.pages.page import COLOURS, PageTable, Section
 from hubodo.sensors.imu.held_out import CrossValidation
-from hubodo.unit_systems import ACCELERATION, ANGLE, GRAVITY, ShownUnit
+from hubodo.unit_systems import ACCELERATION, ANGLE, GRAVITY, RATE, RATE_SAMPLE, ShownUnit
 
 if TYPE_CHECKING:
     from hubodo.sensors.imu.result import ImuCalibration
@@ -26,9 +26,12 @@ __all__ = [
 ]
 
 
+_CURVE_POINTS = 100
+
+
 def imu_sections(result: ImuCalibration) -> Sequence[Section]:
     """Return the page sections of a calibration."""
-    return (*_residuals(result), _parameters(result), *_standstills(result))
+    return (*_residuals(result), _parameters(result), *_temperature(result), *_standstills(result))
 
 
 def imu_verdict(result: ImuCalibration) -> str:
@@ -112,6 +115,23 @@ def _before_and_after(held_out: CrossValidation, factor: float) -> list[Curve]:
         Curve(number, factor * held_out.error_before, "before", COLOURS["right"], dots=True),
         Curve(number, factor * held_out.error, "after, held out of the fit", COLOURS["left"], dots=True),
     ]
+
+
+def _temperature(result: ImuCalibration) -> Sequence[Section]:
+    """Return the section with the rates of the static poses against their temperature."""
+    gyro = None if result.temperature is None else result.temperature.gyro
+    if gyro is None:
+        return ()
+    unit, colours = RATE.shown(RATE_SAMPLE), [COLOURS[name] for name in ("left", "right", "fused")]
+    grid = np.linspace(float(gyro.temperature.min()), float(gyro.temperature.max()), _CURVE_POINTS)
+    mean, change = gyro.rate.mean(axis=0), gyro.change(grid)
+    curves = []
+    for k, (axis, colour) in enumerate(zip(("gx", "gy", "gz"), colours, strict=True)):
+        curves.append(Curve(gyro.temperature, gyro.rate[:, k] * unit.factor, axis, colour, dots=True))
+        curves.append(Curve(grid, (mean[k] + change[:, k]) * unit.factor, f"{axis}, polynomial", colour))
+    figure = draw_curves(curves, "temperature, °C", f"rate in static poses, {unit.name}")
+    text = f"Polynomials of order {gyro.order}, chosen by poses that were not fitted."
+    return (Section("Rate against temperature", text, figures=[figure]),)
 
 
 def _standstills(result: ImuCalibration) -> Sequence[Section]:

@@ -13,8 +13,8 @@ from hubodo.earth import EARTH_RATE
 from hubodo.errors import CalibrationError, InputError
 from hubodo.log.number_recording import IMU_CHANNELS
 from hubodo.log.pose_table import PoseTable
+from hubodo.sensors.imu.accel_poses import calibrate_accelerometers
 from hubodo.sensors.imu.calibrate import (
-    calibrate_accelerometers,
     check_place,
     estimate_static_bias,
     try_earth_rate,
@@ -62,10 +62,11 @@ def calibrate_pose_means(
     else:
         poses = _pose_standstills(table, sigma, weight, options.gravity, source)
         if poses is not None:
-            poses, scalar, held_out, notes = calibrate_accelerometers(
-                poses, options.gravity, options.convention
+            used = calibrate_accelerometers(poses, options.gravity, options.convention)
+            notes = used.notes
+            result = replace(
+                result, standstills=used.standstills, accel=used.accel, accel_held_out=used.held_out
             )
-            result = replace(result, standstills=poses, accel=scalar, accel_held_out=held_out)
     gyro = _calibrate_gyro(table, sigma, weight, result, options, source, notes)
     if gyro is not None:
         notes.insert(min(1, len(notes)), f"gyros: {gyro.method}")

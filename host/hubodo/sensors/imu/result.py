@@ -26,6 +26,7 @@ from hubodo.sensors.imu.page import (
 )
 from hubodo.sensors.imu.scalar_calibration import ScalarCalibration
 from hubodo.sensors.imu.standstills import Standstills
+from hubodo.sensors.imu.temperature_result import TemperatureTerms
 from hubodo.sensors.imu.turn_calibration import TurnCalibration
 
 if TYPE_CHECKING:
@@ -87,6 +88,8 @@ class ImuCalibration:
         Name of the node, and path of the calibration file in the result of the verb.
     referenced_accel : TriadCalibration or None
         Calibration of the accelerometer by known references, in place of `accel`.
+    temperature : TemperatureTerms or None
+        Terms of the temperature; None if it does not change, or is unknown.
     """
 
     standstills: Standstills | None
@@ -98,6 +101,7 @@ class ImuCalibration:
     node: str = ""
     output: str = ""
     referenced_accel: TriadCalibration | None = None
+    temperature: TemperatureTerms | None = None
 
     def effect_parameters(self) -> Mapping[str, Mapping[str, Quantity]]:
         """Return the parameters by effect name, for calibration and model files.
@@ -114,6 +118,8 @@ class ImuCalibration:
             )
         if self.referenced_accel is not None:
             calibration |= self.referenced_accel.effects("accel")
+        if self.temperature is not None:
+            calibration |= self.temperature.effects()
         if self.gyro is None:
             return calibration
         calibration |= self.gyro.effects("gyro")

@@ -54,6 +54,19 @@ _UNIT_OF_RATIO = {1 / 9.80665: "g", 1000 / 9.80665: "mg", 57.29578: "degrees per
 
 
 @dataclass(frozen=True)
+class PoseTerm:
+    """A term k w y^n of the reading, with the linear reading y and a known weight w of each pose.
+
+    Attributes:
+        exponent: n; 0 for a bias that follows the weight, 1 for a scale.
+        weight: (R,) such as a power of the temperature.
+    """
+
+    exponent: int
+    weight: Array
+
+
+@dataclass(frozen=True)
 class ScalarCalibration:
     """The scalar calibration of a triad from R poses.
 
@@ -75,6 +88,8 @@ class ScalarCalibration:
             parameters.
         nonlinear: (3 len(exponents),) k by exponent, then axis, in units of the reference.
         nonlinear_sigma: 1 sigma of each k.
+        pose_terms, pose_term_sigma: (T, 3) coefficients of the pose terms and their 1 sigma, in units of the
+            reference; see `PoseTerm`.
     """
 
     triad: Triad
@@ -92,9 +107,11 @@ class ScalarCalibration:
     exponents: tuple[int, ...] = ()
     nonlinear: Array = field(default_factory=lambda: np.zeros(0))
     nonlinear_sigma: Array = field(default_factory=lambda: np.zeros(0))
+    pose_terms: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    pose_term_sigma: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     def correct(self, raw: Array) -> Array:
-        """Return true values from raw ones, (N, 3), without the nonlinear terms."""
+        """Return true values from raw ones, (N, 3), less nonlinear terms; pose terms stay."""
         u = raw / self.reference
         linear = _remove_nonlinearity(u, self.exponents, self.nonlinear)
         return self.triad.correct(raw, self.reference * (u - linear))
@@ -114,19 +131,17 @@ def fit_scalar_calibration(
     name: str = "accel",
     allow_partial: bool = False,
     exponents: tuple[int, ...] = (),
+    pose_terms: tuple[PoseTerm, ...] = (),
 ) -> ScalarCalibration:
     """Estimate the nine parameters of a triad.
 
     measured: (R, 3) mean of each standstill. reference: norm of the true vector, same unit. sigma: (R, 3)
     standard errors of the means, not zero. allow_partial: accept poses that determine only some parameters,
     using the tolerances of MEMS accelerometers. exponents: of nonlinear terms, see `ScalarCalibration`.
-    Raises CalibrationError if the poses do not determine every
-    parameter (with `allow_partial`: any), for a wrong unit, or if the fit does not converge.
+    pose_terms: further terms, estimated beside the others. Raises CalibrationError if the poses do not
+    determine every parameter (with `allow_partial`: any), for a wrong unit, or if the fit does not converge.
     """
-    if not reference > 0:
-        raise InputError(f"the reference for the {name} triad must be positive, is {reference}")
-    if convention not in ("symmetric", "x-first"):
-        raise InputError(f"convention {convention!r} is unknown; choose symmetric or x-first")
+    _check_choices(reference, convention, name)
     u, noise = measured / reference, sigma / reference
     length = np.linalg.norm(u, axis=1)
     _check_unit(float(np.median(length)), reference, name)
@@ -134,7 +149,8 @@ def fit_scalar_calibration(
     _check_poses(
         assess_poses(u / length[:, None], np.sqrt((noise**2).mean(axis=1)), factory), allow_partial, name
     )
-    fit, p, iterations = _NormFit(u, noise, factory, name, exponents, u).solve_with_terms()
+    terms = (*(PoseTerm(n, np.ones(len(u))) for n in exponents), *pose_terms)
+    fit, p, iterations = _NormFit(u, noise, factory, name, terms, u).solve_with_terms()
     w, rows, residual, variance = fit.linearise(p)
     # Large errors distort the raw directions and can hide a degenerate set of poses, so it is checked
     # again here.
@@ -168,8 +184,10 @@ def fit_scalar_calibration(
         convention,
         iterations,
         exponents,
-        nonlinear,
-        nonlinear_sigma,
+        nonlinear[: 3 * len(exponents)],
+        nonlinear_sigma[: 3 * len(exponents)],
+        nonlinear[3 * len(exponents) :].reshape(-1, 3),
+        nonlinear_sigma[3 * len(exponents) :].reshape(-1, 3),
     )
 
 
@@ -177,23 +195,23 @@ def fit_scalar_calibration(
 class _NormFit:
     """Least-squares fit to the norms of u (R, 3) with noise (R, 3), relative to the reference, with prior.
 
-    Nonlinear terms, powers of the `linear` reading (R, 3) with these exponents, have no prior. They are
-    eliminated from residuals and design matrix (variable projection).
+    The `terms`, weighted powers of the `linear` reading (R, 3), have no prior. They are eliminated from
+    residuals and design matrix (variable projection).
     """
 
     u: Array
     noise: Array
     factory: FactoryTolerance
     name: str
-    exponents: tuple[int, ...]
+    terms: tuple[PoseTerm, ...]
     linear: Array
 
     def solve_with_terms(self) -> tuple[_NormFit, Array, int]:
         """Return the fit with its linear readings, the (9,) parameters and the number of steps."""
         p, iterations = self.solve(np.zeros(9))
-        if not self.exponents:
+        if not self.terms:
             return self, p, iterations
-        fit = replace(self, linear=_remove_nonlinearity(self.u, self.exponents, self.nonlinear(p, 1.0)[0]))
+        fit = replace(self, linear=_remove_terms(self.u, self.terms, self.nonlinear(p, 1.0)[0]))
         return (fit, *fit.solve(p))
 
     def solve(self, start: Array, fixed: int | None = None) -> tuple[Array, int]:
@@ -225,7 +243,7 @@ class _NormFit:
                 step = step / 2
             p = p + step
             # Variable projection neglects the derivative of the eliminated terms and converges linearly.
-            tolerance = 1e-9 if self.exponents else 1e-13 + 1e-10 * np.abs(p).max()
+            tolerance = 1e-9 if self.terms else 1e-13 + 1e-10 * np.abs(p).max()
             if np.abs(step).max() < tolerance:
                 return p, iteration
         raise CalibrationError(
@@ -246,7 +264,7 @@ class _NormFit:
         noise_power = (self.noise**2) @ (inverse**2).sum(axis=0)
         residual = ((w**2).sum(axis=1) - noise_power - 1) / 2
         rows, variance = pose_design_matrix(v, w), ((v * self.noise) ** 2).sum(axis=1)
-        if self.exponents:
+        if self.terms:
             weight = np.sqrt(variance)[:, None]
             basis = np.linalg.qr(self._nonlinear_columns(v) / weight)[0]
             both = np.column_stack([rows, residual]) / weight
@@ -255,17 +273,17 @@ class _NormFit:
         return w, rows, residual, variance
 
     def _nonlinear_columns(self, v: Array) -> Array:
-        """Return the (R, 3 len(exponents)) derivatives of |w|²/2 by the nonlinear terms, but for the sign."""
-        return np.hstack([v * self.linear**n for n in self.exponents])
+        """Return the (R, 3 len(terms)) derivatives of |w|²/2 by the nonlinear terms, but for the sign."""
+        return np.hstack([v * self.linear**term.exponent * term.weight[:, None] for term in self.terms])
 
     def nonlinear(self, p: Array, variance_factor: float) -> tuple[Array, Array, Array]:
         """Return the nonlinear terms k, their sigmas, and their part of each residual (R,).
 
         Their covariance follows from the joint information matrix with the nine parameters `p`.
         """
-        linear = replace(self, exponents=())
+        linear = replace(self, terms=())
         w, rows, residual, variance = linear.linearise(p)
-        if not self.exponents:
+        if not self.terms:
             return np.zeros(0), np.zeros(0), np.zeros(len(residual))
         weight = np.sqrt(variance)
         columns = self._nonlinear_columns(w @ np.linalg.inv(_symmetric(p)))
@@ -282,7 +300,7 @@ class _NormFit:
     def reduced_chi2(self, rows: Array, residual: Array, variance: Array) -> float | None:
         """Return the reduced chi-square of the norms, or None without degrees of freedom."""
         used = np.einsum("ri,ij,rj,r->", rows, self.covariance(rows, variance), rows, 1 / variance)
-        freedom = len(residual) - float(used) - 3 * len(self.exponents)
+        freedom = len(residual) - float(used) - 3 * len(self.terms)
         return float((residual**2 / variance).sum()) / freedom if freedom > 0.5 else None
 
     def variance_factor(self, chi2: float | None) -> float:
@@ -291,7 +309,7 @@ class _NormFit:
         If chance does not explain it, the noise level is an estimate from few poses, and the variance is that
         of Student's t distribution.
         """
-        dof = len(self.u) - 9 - 3 * len(self.exponents)
+        dof = len(self.u) - 9 - 3 * len(self.terms)
         if chi2 is None or dof <= 2 or chdtrc(dof, chi2 * dof) > _MAX_CHANCE:
             return max(1.0, chi2 or 1.0)
         return chi2 * dof / (dof - 2)
@@ -315,9 +333,15 @@ class _NormFit:
 
 def _remove_nonlinearity(u: Array, exponents: tuple[int, ...], k: Array) -> Array:
     """Return y (N, 3) of u = y + sum of k_n y^n. u: relative to the reference. k: by exponent, then axis."""
+    return _remove_terms(u, tuple(PoseTerm(n, np.ones(len(u))) for n in exponents), k)
+
+
+def _remove_terms(u: Array, terms: tuple[PoseTerm, ...], k: Array) -> Array:
+    """Return y (N, 3) of u = y + sum of k_n w_n y^n. u: relative to the reference. k: by term, then axis."""
     y = u
-    for _ in range(_NONLINEAR_ITERATIONS if exponents else 0):
-        y = u - sum(row * y**n for n, row in zip(exponents, k.reshape(-1, 3), strict=True))
+    for _ in range(_NONLINEAR_ITERATIONS if terms else 0):
+        pairs = zip(terms, k.reshape(-1, 3), strict=True)
+        y = u - sum(row * term.weight[:, None] * y**term.exponent for term, row in pairs)
     return y
 
 
@@ -337,6 +361,13 @@ def _jacobian(function: Callable[[Array], Array], point: Array) -> Array:
     return np.column_stack(
         [(function(point + h * e) - function(point - h * e)) / (2 * h) for e in np.eye(len(point))]
     )
+
+
+def _check_choices(reference: float, convention: str, name: str) -> None:
+    if not reference > 0:
+        raise InputError(f"the reference for the {name} triad must be positive, is {reference}")
+    if convention not in ("symmetric", "x-first"):
+        raise InputError(f"convention {convention!r} is unknown; choose symmetric or x-first")
 
 
 def _check_poses(poses: PoseObservability, partial: bool, name: str) -> None:

@@ -53,6 +53,8 @@ class TurnCalibration:
         error: (T,) angle between propagated and measured gravity after calibration, rad.
         dropped: one line for each turn that was excluded.
         terms, term_sigma: (K,) other terms, without prior, if modelled.
+        scale_per_degree, scale_per_degree_sigma: (3,) change of the scales, 1/°C, if significant.
+        mean_temperature: °C, at which the scales are stated.
     """
 
     matrix: Array
@@ -68,6 +70,9 @@ class TurnCalibration:
     earth_covariance: Array = field(default_factory=lambda: NO_VALUES)
     terms: Array = field(default_factory=lambda: NO_VALUES)
     term_sigma: Array = field(default_factory=lambda: NO_VALUES)
+    scale_per_degree: Array | None = None
+    scale_per_degree_sigma: Array | None = None
+    mean_temperature: float = 0.0
 
     @property
     def deficit(self) -> str:

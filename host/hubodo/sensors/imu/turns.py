@@ -45,6 +45,7 @@ class Turns:
             `earth_in_turns`.
         earth_sigma: prior sigma of these rates, rad/s.
         term_slopes: (T, 3, K) derivatives by other terms, or None; see `nonlinear_gyros`.
+        temperature: (T,) °C, or None if it does not change.
         noise: sigma of a component of the misclosure by the noise of the standstills, rad; few turns
             may fit by chance.
     """
@@ -60,6 +61,7 @@ class Turns:
     earth_sigma: float = 0.0
     noise: float = 0.0
     term_slopes: Array | None = None
+    temperature: Array | None = None
 
     def select(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> Turns:
         """Return the selected turns, by index or mask."""
@@ -75,6 +77,7 @@ class Turns:
             self.earth_sigma,
             self.noise,
             None if self.term_slopes is None else self.term_slopes[which],
+            None if self.temperature is None else self.temperature[which],
         )
 
     @property

@@ -8,16 +8,21 @@ from typing import Any
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.effects.warmup import WARMUP_PARAMETERS, WarmupKind
+from hubodo.effects.warmup import TEMPERATURE_PARAMETERS, WARMUP_PARAMETERS, WarmupKind
 from hubodo.sensors.even_grid import EvenGrid
 from hubodo.sensors.warmup.fit import WarmupFit, fit_warmup
 from hubodo.sensors.warmup.whiteness import AutocorrelationTest, LjungBox, autocorrelation_test, ljung_box
 
 # The sequences of the paper: ten of 10 s each; limited in samples to bound the run time.
 _SEQUENCES, _SEQUENCE_S, _MAX_SEQUENCE_SAMPLES = 10, 10.0, 2000
-# °C; smaller changes of temperature do not determine a coefficient.
-_MIN_TEMPERATURE_SPAN = 1.0
-_PARAMETER_UNITS = {"time_constant": "s", "time_constant_second": "s", "temperature_coefficient": "rad/s/°C"}
+# °C; smaller changes of temperature do not determine a coefficient, or a polynomial.
+_MIN_TEMPERATURE_SPAN, _MIN_POLYNOMIAL_SPAN = 1.0, 5.0
+_CLEARLY_BETTER = 0.8
+_PARAMETER_UNITS = {
+    "time_constant": "s",
+    "time_constant_second": "s",
+    **dict(zip(TEMPERATURE_PARAMETERS, ("rad/s/°C", "rad/s/°C²", "rad/s/°C³"), strict=True)),
+}
 
 
 @dataclass(frozen=True)
@@ -98,6 +103,16 @@ def assess_fit(fit: WarmupFit, record: EvenGrid, age: float, temperature: Array 
     return AssessedFit(fit, autocorrelation_test(samples, sequences, length), ljung_box(fit.residual))
 
 
+def is_clearly_smaller(model: AssessedFit, first: AssessedFit) -> bool:
+    """Return True if the residual of a model is clearly smaller than that of the first one."""
+    return model.fit.noise < _CLEARLY_BETTER * first.fit.noise
+
+
+def is_sufficient(model: AssessedFit, first: AssessedFit) -> bool:
+    """Return True if a model leaves white residuals, or clearly smaller ones than the first model."""
+    return model.ljung_box.is_white or is_clearly_smaller(model, first)
+
+
 def select_next_model(
     first: AssessedFit,
     times: Array,
@@ -108,7 +123,10 @@ def select_next_model(
     temperature: Array | None,
     age: float,
 ) -> AssessedFit | None:
-    """Return the best model with a white residual, else the least coloured if clearly better, or None."""
+    """Return the best model with a white residual, else the smallest or least coloured one, or None.
+
+    Models that are not clearly better than the exponential are not considered.
+    """
     kinds: list[WarmupKind] = ["two exponentials"]
     sample_temperatures = None
     if (
@@ -117,6 +135,12 @@ def select_next_model(
         and float(np.ptp(mean_temperatures)) > _MIN_TEMPERATURE_SPAN
     ):
         kinds = ["temperature", "exponential and temperature", *kinds]
+        if float(np.ptp(mean_temperatures)) > _MIN_POLYNOMIAL_SPAN:
+            kinds += [
+                "quadratic temperature",
+                "cubic temperature",
+                "exponential and quadratic temperature",
+            ]
         sample_temperatures = np.interp(
             record.start + np.arange(len(record.values)) * record.dt, t, temperature
         )
@@ -130,7 +154,12 @@ def select_next_model(
     white = [model for model in candidates if model.ljung_box.is_white]
     if white:
         return min(white, key=lambda model: model.fit.bic)
-    better = [model for model in candidates if model.ljung_box.statistic < 0.8 * first.ljung_box.statistic]
+    # Hysteresis leaves a residual as coloured as before, but much smaller.
+    smaller = [model for model in candidates if is_clearly_smaller(model, first)]
+    if smaller:
+        return min(smaller, key=lambda model: model.fit.bic)
+    statistic = first.ljung_box.statistic
+    better = [model for model in candidates if model.ljung_box.statistic < _CLEARLY_BETTER * statistic]
     return min(better, key=lambda model: model.ljung_box.statistic, default=None)
 
 

@@ -13,7 +13,12 @@ from hubodo.sensors.even_grid import EvenGrid, place_on_grid
 from hubodo.sensors.imu.quantisation import describe_rounding, rounding_sigma
 from hubodo.sensors.standstill_channel import StandstillRecord
 from hubodo.sensors.standstill_checks import TemperatureStep
-from hubodo.sensors.warmup.assess import assess_fit, describe_next_model, select_next_model
+from hubodo.sensors.warmup.assess import (
+    assess_fit,
+    describe_next_model,
+    is_sufficient,
+    select_next_model,
+)
 from hubodo.sensors.warmup.fit import WarmupFit, fit_warmup
 from hubodo.sensors.warmup.result import WarmupResult, next_model_reason
 
@@ -87,7 +92,7 @@ def characterise_warmup(
         )
         notes.append(describe_next_model(exponential, next_model))
     accepted = None if reason else exponential
-    if next_model is not None and (next_model.ljung_box.is_white or not reason):
+    if next_model is not None and (not reason or is_sufficient(next_model, exponential)):
         accepted = next_model
         reason = next_model_reason(next_model.fit)
     return WarmupResult(

@@ -41,6 +41,34 @@ def warmup_figure(result: WarmupResult, title: str) -> Any:
     return figure
 
 
+def temperature_figure(result: WarmupResult) -> Any:
+    """Return a matplotlib figure of the means, and of the accepted model, against the temperature."""
+    figure = new_figure(8.0, 4.0)
+    axes, unit = figure.subplots(), RATE.shown(RATE_SAMPLE)
+    assert result.mean_temperatures is not None
+    (_, means), (_, degrees) = (_averaged(result.t, it) for it in (result.means, result.mean_temperatures))
+    is_rising = np.gradient(_smoothed(degrees)) >= 0.0
+    labels = ("rising", "falling")
+    for part, label, colour in zip((is_rising, ~is_rising), labels, _MODEL_COLOURS, strict=True):
+        axes.plot(degrees[part], means[part] * unit.factor, ".", ms=2, color=colour, label=label)
+    if result.accepted is not None and result.accepted.fit.temperature_order:
+        order = np.argsort(result.mean_temperatures)
+        fitted = (result.means - result.accepted.fit.residual)[order] * unit.factor
+        axes.plot(result.mean_temperatures[order], fitted, lw=1.0, color="#2e7d5b", label="accepted model")
+    axes.set_xlabel("temperature, °C")
+    axes.set_ylabel(f"bias, {unit.name}")
+    axes.grid(True, lw=0.3, color="#d8dce0")
+    add_legend_above(figure)
+    return figure
+
+
+def _smoothed(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Return the running mean over a twentieth of the values."""
+    width = max(1, len(values) // 20)
+    padded = np.pad(values, (width // 2, width - 1 - width // 2), mode="edge")
+    return np.convolve(padded, np.full(width, 1.0 / width), "valid")
+
+
 def _plot_bias(axes: Any, result: WarmupResult) -> None:
     unit = RATE.shown(RATE_SAMPLE)
     t, means = _averaged(result.t, result.means)

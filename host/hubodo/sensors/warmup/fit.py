@@ -11,7 +11,13 @@ from scipy.optimize import least_squares
 
 from hubodo.arrays import Array
 from hubodo.effects.sensor_chain import REFERENCE_CELSIUS
-from hubodo.effects.warmup import WARMUP_PARAMETERS, WarmupKind, WarmupModel, warmup_fraction
+from hubodo.effects.warmup import (
+    TEMPERATURE_PARAMETERS,
+    WARMUP_PARAMETERS,
+    WarmupKind,
+    WarmupModel,
+    warmup_fraction,
+)
 from hubodo.sensors.warmup.whiteness import ljung_box
 
 # A determined parameter exceeds 4 sigma; a determined time constant has a relative sigma below one third.
@@ -54,9 +60,20 @@ class WarmupFit:
         return all(
             sigma < _MAX_RELATIVE_SIGMA * self.values[name]
             if name.startswith("time_constant")
-            else name == "c2" or _MIN_SIZE_SIGMA * sigma < abs(self.values[name])
+            else name == "c2"
+            or self._is_lower_power(name)
+            or _MIN_SIZE_SIGMA * sigma < abs(self.values[name])
             for name, sigma in self.sigma.items()
         )
+
+    @property
+    def temperature_order(self) -> int:
+        """Return the order of the polynomial in the temperature, 0 without one."""
+        return sum(name in self.values for name in TEMPERATURE_PARAMETERS)
+
+    def _is_lower_power(self, name: str) -> bool:
+        """Return True for a power of the temperature below the highest: it may be zero at 25 °C."""
+        return name in TEMPERATURE_PARAMETERS[: max(self.temperature_order - 1, 0)]
 
     def bias_sigma(self, t: Array, temperature: Array | None = None) -> Array:
         """Return the bias sigma, (M,) rad/s at t (M,) s, due to the parameters if the form is correct."""
@@ -156,10 +173,11 @@ def _search_time_constants(
 def _basis(t: Array, constants: tuple[float, ...], kind: WarmupKind, temperature: Array | None) -> Array:
     """Return the (N, L) design matrix of the linear parameters: constant, exponentials, temperature."""
     columns = [np.ones_like(t), *(warmup_fraction(t, constant) for constant in constants)]
-    if "temperature_coefficient" in WARMUP_PARAMETERS[kind]:
-        if temperature is None:
-            raise ValueError(f"model {kind!r} needs the temperature")
-        columns.append(temperature - REFERENCE_CELSIUS)
+    for n, name in enumerate(TEMPERATURE_PARAMETERS):
+        if name in WARMUP_PARAMETERS[kind]:
+            if temperature is None:
+                raise ValueError(f"model {kind!r} needs the temperature")
+            columns.append((temperature - REFERENCE_CELSIUS) ** (n + 1))
     return np.column_stack(columns)
 
 
@@ -188,9 +206,10 @@ def _jacobian(t: Array, names: tuple[str, ...], parameters: Array, temperature: 
     for name in names:
         if name == "c2":
             columns.append(np.ones_like(t))
-        elif name == "temperature_coefficient":
+        elif name in TEMPERATURE_PARAMETERS:
             assert temperature is not None
-            columns.append(temperature - REFERENCE_CELSIUS)
+            power = 1 + TEMPERATURE_PARAMETERS.index(name)
+            columns.append((temperature - REFERENCE_CELSIUS) ** power)
         elif name.startswith("c1"):
             constant = getattr(model, name.replace("c1", "time_constant"))
             columns.append(warmup_fraction(t, constant))

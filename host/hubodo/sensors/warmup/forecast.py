@@ -17,7 +17,14 @@ import numpy as np
 from scipy.linalg import cho_solve
 
 from hubodo.arrays import Array
-from hubodo.sensors.warmup.forms import WARMUP_FORMS, CholeskyFactor, FittedForm, factorise, fit_form
+from hubodo.sensors.warmup.forms import (
+    WARMUP_FORMS,
+    CholeskyFactor,
+    FittedForm,
+    factorise,
+    fit_form,
+    temperature_powers,
+)
 
 SIGMA_HORIZON_S = 3.0 * 3600.0
 """The sigmas of an accepted model hold up to this time beyond the record, s."""
@@ -95,7 +102,8 @@ class BiasForecast:
         temperatures, temperature_variance = temperature, 0.0
         if self.temperature is not None and temperature is None:
             temperatures = np.full(len(age), self.temperature[-1])
-            temperature_variance = float(np.var(self.temperature) * form.mean[-1] ** 2)
+            powers = temperature_powers(self.temperature, form.temperature_order)
+            temperature_variance = float(np.var(powers @ form.mean[-form.temperature_order :]))
         noise = form.noise
         record_columns = form.columns(self.t, self.temperature)
         age_columns = form.columns(age, None if self.temperature is None else temperatures)
@@ -111,7 +119,11 @@ class BiasForecast:
 
 
 def forecast_inflation(
-    t: Array, means: Array, temperature: Array | None, initial_constants: tuple[float, ...]
+    t: Array,
+    means: Array,
+    temperature: Array | None,
+    initial_constants: tuple[float, ...],
+    temperature_order: int = 1,
 ) -> float:
     """Return the rms error of forecasts of the rest of the record from its first part, in sigma; at least 1.
 
@@ -119,7 +131,11 @@ def forecast_inflation(
     of a room without a thermometer, is outside all forms: their sigmas do not contain it, its own past does.
     """
     return max(
-        1.0, *(_rms_of_forecast(t, means, temperature, initial_constants, share) for share in _KNOWN_SHARES)
+        1.0,
+        *(
+            _rms_of_forecast(t, means, temperature, initial_constants, share, temperature_order)
+            for share in _KNOWN_SHARES
+        ),
     )
 
 
@@ -129,6 +145,7 @@ def _rms_of_forecast(
     temperature: Array | None,
     initial_constants: tuple[float, ...],
     share: float,
+    temperature_order: int,
 ) -> float:
     """Return the rms error, in sigma, of the thirds of what follows a share of the record; 0 if too short."""
     known = t <= t[0] + share * (t[-1] - t[0])
@@ -140,6 +157,7 @@ def _rms_of_forecast(
         None if temperature is None else temperature[known],
         initial_constants,
         n_means=_CHECK_MEANS,
+        temperature_order=temperature_order,
     )
     pulls = []
     for part in np.array_split(np.flatnonzero(~known), 3):
@@ -156,11 +174,12 @@ def fit_forecast(
     temperature: Array | None,
     initial_constants: tuple[float, ...],
     n_means: int = _FORECAST_MEANS,
+    temperature_order: int = 1,
 ) -> BiasForecast:
     """Fit all forms to means (N,) rad/s at ages t (N,) s, and weight them by their evidence.
 
     temperature: (N,) °C or None. initial_constants: two initial time constants, s. n_means: number of means
-    that they are averaged to.
+    that they are averaged to. temperature_order: order of the polynomial in the temperature.
     """
     size = max(1, len(t) // n_means)
     count = len(t) // size * size
@@ -170,7 +189,9 @@ def fit_forecast(
 
     t, means = block_means(t), block_means(means)
     temperatures = None if temperature is None else block_means(temperature)
-    fitted = [fit_form(name, t, means, temperatures, initial_constants) for name in WARMUP_FORMS]
+    fitted = [
+        fit_form(name, t, means, temperatures, initial_constants, temperature_order) for name in WARMUP_FORMS
+    ]
     # The prior weight of a form does not depend on the number of noise levels it was fitted with.
     forms = tuple(itertools.chain(*fitted))
     log_weights = np.array(

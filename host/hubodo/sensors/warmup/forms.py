@@ -39,6 +39,7 @@ WARMUP_FORMS = ("none", "exponential", "two exponentials", "relaxation")
 _EXPONENTIAL_COUNT = {"none": 0, "exponential": 1, "two exponentials": 2, "relaxation": 0}
 _TIME_CONSTANT_RATIO, _MAX_TIME_CONSTANT_PER_AGE = 2.0, 30.0
 """Ratio of neighbouring time constants of a relaxation, and of the longest to the age at the record's end."""
+_USUAL_WARMTH = 10.0  # °C, keeps powers of the temperature of similar size
 _FLICKER_TIME_CONSTANT_RATIO, _MAX_FLICKER_TIME_S = 5.0, 1e5
 """Flicker as in `fuse/heading_filter.py`: ratio of neighbouring time constants, and the longest one."""
 _OFFSET_PRIOR_SIGMA, _C1_PRIOR_SIGMA, _LOG_TIME_CONSTANT_PRIOR_SIGMA = 100.0, 3.0, 1.5
@@ -116,6 +117,7 @@ class FittedForm:
         noise: noise levels.
         evidence: logarithm of the marginal likelihood.
         is_quiet: whether the form was fitted without slow noise.
+        temperature_order: order of the polynomial in the temperature, if there is one.
     """
 
     name: str
@@ -126,24 +128,33 @@ class FittedForm:
     noise: RecordNoise
     evidence: float
     is_quiet: bool = False
+    temperature_order: int = 1
 
     def columns(self, t: Array, temperature: Array | None) -> Array:
         """Return the (M, P) design matrix at ages t (M,) s and temperatures (M,) °C."""
-        return _design_matrix(self.time_constants, self.exponential_sizes, t, temperature)
+        powers = None if temperature is None else temperature_powers(temperature, self.temperature_order)
+        return _design_matrix(self.time_constants, self.exponential_sizes, t, powers)
 
 
 def _design_matrix(
     time_constants: tuple[float, ...],
     exponential_sizes: tuple[float, ...],
     t: Array,
-    temperature: Array | None,
+    powers: Array | None,
 ) -> Array:
     columns = [np.ones_like(t), *(warmup_fraction(t, constant) for constant in time_constants)]
     for c1, constant in zip(exponential_sizes, time_constants, strict=False):
         columns.append(-c1 * t / constant * np.exp(-t / constant))
-    if temperature is not None:
-        columns.append(temperature - REFERENCE_CELSIUS)
+    if powers is not None:
+        columns.extend(powers.T)
     return np.column_stack(columns)
+
+
+def temperature_powers(temperature: Array, order: int) -> Array:
+    """Return the (M, order) powers of the temperature difference from 25 °C, of similar sizes."""
+    warmth = (temperature - REFERENCE_CELSIUS)[:, None]
+    exponents = np.arange(1, order + 1)
+    return np.asarray(warmth**exponents / _USUAL_WARMTH ** (exponents - 1))
 
 
 @dataclass(frozen=True)
@@ -153,6 +164,7 @@ class _ScaledRecord:
     t: Array
     y: Array
     temperature: Array | None
+    order: int
     scale: float
     centre: float
     flicker: Array
@@ -179,15 +191,22 @@ class _ScaledRecord:
 
 
 def fit_form(
-    name: str, t: Array, values: Array, temperature: Array | None, initial_constants: tuple[float, ...]
+    name: str,
+    t: Array,
+    values: Array,
+    temperature: Array | None,
+    initial_constants: tuple[float, ...],
+    temperature_order: int = 1,
 ) -> list[FittedForm]:
     """Fit one of `WARMUP_FORMS` to means (N,) rad/s at ages t (N,) s, without and with slow noise.
 
-    temperature: (N,) °C or None. initial_constants: initial time constants, s, one per exponential. The noise
+    temperature: (N,) °C or None. initial_constants: initial time constants, s, one per exponential.
+    temperature_order: order of the polynomial in the temperature. The noise
     levels are those of the largest marginal likelihood and their neighbours, because a record determines the
     slow noise poorly.
     """
-    record = _scale_record(t, values, temperature)
+    record = _scale_record(t, values, temperature, temperature_order)
+    powers = None if temperature is None else temperature_powers(temperature, temperature_order)
     exponential_count = _EXPONENTIAL_COUNT[name]
 
     # The factorisation dominates the run time and does not depend on the time constants.
@@ -195,7 +214,7 @@ def fit_form(
 
     @lru_cache(maxsize=4)
     def columns(time_constants: tuple[float, ...]) -> Array:
-        return _design_matrix(time_constants, (), t, temperature)
+        return _design_matrix(time_constants, (), t, powers)
 
     def likelihood(p: Array) -> float:
         time_constants, spread = _prior(name, record, p)
@@ -251,12 +270,12 @@ def _fit_quiet(
     return replace(_posterior_form(name, record, p, factor(*p[:3]), likelihood(p)), is_quiet=True)
 
 
-def _scale_record(t: Array, values: Array, temperature: Array | None) -> _ScaledRecord:
+def _scale_record(t: Array, values: Array, temperature: Array | None, order: int) -> _ScaledRecord:
     scale, centre = float(np.std(values)) or 1.0, float(np.mean(values))
     span, shortest = float(t[-1] - t[0]), float(np.median(np.diff(t)))
     flicker = RecordNoise(0.0, 1.0, 0.0, float(t[0]), shortest).slow_covariance(t, t)
     walk = RecordNoise(0.0, 0.0, span**-0.5, float(t[0]), shortest).slow_covariance(t, t)
-    return _ScaledRecord(t, (values - centre) / scale, temperature, scale, centre, flicker, walk)
+    return _ScaledRecord(t, (values - centre) / scale, temperature, order, scale, centre, flicker, walk)
 
 
 def _prior(name: str, record: _ScaledRecord, p: Array) -> tuple[tuple[float, ...], Array]:
@@ -271,7 +290,9 @@ def _prior(name: str, record: _ScaledRecord, p: Array) -> tuple[tuple[float, ...
         count = max(2, math.ceil(math.log(last / first) / math.log(_TIME_CONSTANT_RATIO)))
         constants = tuple(map(float, first * _TIME_CONSTANT_RATIO ** np.arange(count)))
         sizes = [math.exp(p[3])] * count
-    spread = [_OFFSET_PRIOR_SIGMA, *sizes] + ([] if record.temperature is None else [_OFFSET_PRIOR_SIGMA])
+    spread = [_OFFSET_PRIOR_SIGMA, *sizes] + (
+        [] if record.temperature is None else [_OFFSET_PRIOR_SIGMA] * record.order
+    )
     return constants, np.array(spread)
 
 
@@ -284,7 +305,7 @@ def _posterior_form(
     """
     time_constants, spread = _prior(name, record, p)
     noise, nothing = record.noise(np.exp(p[:3])), np.empty(0)
-    form = FittedForm(name, time_constants, (), nothing, nothing, noise, 0.0)
+    form = FittedForm(name, time_constants, (), nothing, nothing, noise, 0.0, temperature_order=record.order)
     exponential_count = _EXPONENTIAL_COUNT[name]
     log_constant_rows = slice(1 + exponential_count, 1 + 2 * exponential_count)
     if exponential_count:

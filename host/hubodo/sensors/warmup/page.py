@@ -5,17 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from hubodo.effects.warmup import WARMUP_PARAMETERS
+import numpy as np
+
+from hubodo.effects.warmup import TEMPERATURE_PARAMETERS, WARMUP_PARAMETERS
 from hubodo.pages.drawing import render_drawing
 from hubodo.pages.page import PageTable, Section
 from hubodo.sensors.warmup.assess import AssessedFit
-from hubodo.sensors.warmup.figure import warmup_figure
+from hubodo.sensors.warmup.figure import temperature_figure, warmup_figure
 from hubodo.sensors.warmup.profile_interval import describe_intervals
 from hubodo.unit_systems import RATE, RATE_SAMPLE, ShownUnit, without_other_units
 
 if TYPE_CHECKING:
     from hubodo.sensors.warmup.result import WarmupResult
 
+_MIN_SHOWN_SPAN = 1.0  # °C
+_PER_DEGREE = dict(zip(TEMPERATURE_PARAMETERS, ("/°C", "/°C²", "/°C³"), strict=True))
 TEST_HEADINGS = ("test", "result", "verdict")
 
 
@@ -65,7 +69,7 @@ def parameter_rows(assessed: AssessedFit, sigmas: Mapping[str, float] | None = N
         if name.startswith("time_constant"):
             rows.append((name, f"{value:.5g} ± {sigma:.2g} s", f"{value / 60:.4g} ± {sigma / 60:.2g} min"))
         else:
-            per = "/°C" if name == "temperature_coefficient" else ""
+            per = _PER_DEGREE.get(name, "")
             rows.append(
                 (
                     name,
@@ -149,6 +153,15 @@ def _advice(result: WarmupResult) -> list[str]:
     return lines
 
 
+def _temperature_sections(result: WarmupResult) -> list[Section]:
+    """Return the section with the rate against the temperature, if the record has one that changes."""
+    if result.mean_temperatures is None or float(np.ptp(result.mean_temperatures)) < _MIN_SHOWN_SPAN:
+        return []
+    text = "Blue while the temperature rises, red while it falls."
+    figure = render_drawing(lambda: temperature_figure(result))
+    return [Section("Rate against temperature", text, figures=[figure])]
+
+
 def warmup_sections(result: WarmupResult) -> list[Section]:
     """Return the sections of a page: recommendations, parameters, figure, forecast and whiteness."""
     tables = []
@@ -169,6 +182,7 @@ def warmup_sections(result: WarmupResult) -> list[Section]:
             "record; includes flicker and random walk of the bias.",
             [PageTable(forecast_headings(), forecast_rows(result))],
         ),
+        *_temperature_sections(result),
         Section("Whiteness of the residual of the exponential", tables=tests),
     ]
     if result.next_model is not None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.calibration.file import CalibratedEffect, Quantity
+from hubodo.calibration.file import CalibratedEffect
 from hubodo.effects.warmup import WARMUP_PARAMETERS, warmup_fraction
 from hubodo.errors import InputError
 from hubodo.html_table import html_lines, html_table
@@ -20,9 +20,11 @@ from hubodo.pages.plot import Plot
 from hubodo.sensors.even_grid import EvenGrid
 from hubodo.sensors.warmup.assess import AssessedFit, parameter_unit
 from hubodo.sensors.warmup.bias_method import BiasMethodChoice, choose_bias_method
+from hubodo.sensors.warmup.effects import effects_of_fit
 from hubodo.sensors.warmup.figure import warmup_figure
 from hubodo.sensors.warmup.fit import WarmupFit
 from hubodo.sensors.warmup.forecast import SIGMA_HORIZON_S, BiasForecast, fit_forecast, forecast_inflation
+from hubodo.sensors.warmup.hysteresis import Hysteresis, find_hysteresis
 from hubodo.sensors.warmup.page import (
     TEST_HEADINGS,
     forecast_headings,
@@ -141,25 +143,40 @@ class WarmupResult:
     def forecast(self) -> BiasForecast:
         """Return the forecast of the bias at any age, averaged over all candidate forms."""
         span = float(self.t[-1] - self.t[0])
-        values = (self.accepted or self.exponential).fit.values
+        fit = (self.accepted or self.exponential).fit
+        values, order = fit.values, max(fit.temperature_order, 1)
         constants = [values[name] for name in ("time_constant", "time_constant_second") if name in values]
         initial = [min(max(constant, span / 50.0), 10.0 * span) for constant in constants]
         for candidate in (span / 4.0, span / 20.0):
             if len(initial) < 2 and all(abs(math.log(candidate / one)) > 0.5 for one in initial):
                 initial.append(candidate)
         constants_at_start = (*initial, span / 8.0)[:2]
-        forecast = fit_forecast(self.t, self.means, self.mean_temperatures, constants_at_start)
-        inflation = forecast_inflation(self.t, self.means, self.mean_temperatures, constants_at_start)
+        forecast = fit_forecast(
+            self.t, self.means, self.mean_temperatures, constants_at_start, temperature_order=order
+        )
+        inflation = forecast_inflation(self.t, self.means, self.mean_temperatures, constants_at_start, order)
         return replace(forecast, rounding=self.rounding, inflation=inflation)
+
+    @cached_property
+    def hysteresis(self) -> Hysteresis | None:
+        """Return the difference between rising and falling temperature, if it is significant."""
+        if self.accepted is None or self.mean_temperatures is None or not self.accepted.fit.temperature_order:
+            return None
+        return find_hysteresis(
+            self.t, self.mean_temperatures, self.accepted.fit.residual, self.accepted.fit.temperature_order
+        )
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """Return the notes, and whether the record forecasts itself."""
         inflation = self.forecast.inflation
+        notes = self.notes
+        if self.hysteresis is not None:
+            notes = (*notes, self.hysteresis.describe())
         if inflation < _NOTED_INFLATION:
-            return self.notes
+            return notes
         return (
-            *self.notes,
+            *notes,
             "a forecast from the first part of the record missed the rest by "
             f"{inflation:.1f} sigma (rms): something else than a warm-up moves the bias, such as the "
             f"temperature of the room, and the sigmas of the forecast are {inflation:.1f} times as large",
@@ -180,6 +197,8 @@ class WarmupResult:
         result = dict(fit.sigma)
         form_variance = self._form_variance(np.linspace(self.t[0], end, 9))
         result["c2"] = math.hypot(result["c2"], math.sqrt(float(form_variance.mean())))
+        if self.hysteresis is not None:
+            result["c2"] = math.hypot(result["c2"], 0.5 * self.hysteresis.size)
         if not constants:
             return result
         slowest = max(constants, key=lambda name: constants[name])
@@ -260,26 +279,9 @@ class WarmupResult:
         InputError
             If no model is accepted.
         """
-        axis = self.channel[1]
         if self.accepted is None:
             raise InputError(f"nothing to write to a calibration file: {self.reason}")
-        fit = self.accepted.fit
-
-        def quantity(name: str) -> Quantity:
-            return Quantity(fit.values[name], self.sigma[name])
-
-        method = f"warm-up at rest, {fit.kind}"
-        result = {"gyro_bias": CalibratedEffect({axis: quantity("c2")}, method)}
-        temperatures = {}
-        for suffix in ("", "_second"):
-            if f"c1{suffix}" in fit.values:
-                temperatures[axis + suffix] = quantity(f"c1{suffix}")
-                temperatures[f"time_constant{suffix}"] = quantity(f"time_constant{suffix}")
-        if temperatures:
-            result["gyro_warmup"] = CalibratedEffect(temperatures, method)
-        if "temperature_coefficient" in fit.values:
-            result["gyro_temperature"] = CalibratedEffect({axis: quantity("temperature_coefficient")}, method)
-        return result
+        return effects_of_fit(self.accepted.fit, self.sigma, self.channel[1])
 
     def as_json(self) -> dict[str, Any]:
         """Return the JSON result of `hubodo warmup`.
@@ -325,6 +327,7 @@ class WarmupResult:
             "duration": self.record.duration,
             "residual_noise": fit.noise,
             "forecast_inflation": self.forecast.inflation,
+            "hysteresis": None if self.hysteresis is None else asdict(self.hysteresis),
             "notes": list(self.remarks),
         }
 

@@ -12,8 +12,8 @@ from scipy.stats import f as f_distribution
 
 from hubodo.calibration.triad import Triad
 from hubodo.errors import CalibrationError, InputError
+from hubodo.sensors.imu import accel_poses, vector_references
 from hubodo.sensors.imu import calibrate as room
-from hubodo.sensors.imu import vector_references
 from hubodo.sensors.imu.calibrate import calibrate_imu, estimate_static_bias
 from hubodo.sensors.imu.result import ImuCalibration, TriadCalibration
 from hubodo.sensors.imu.standstills import Standstills
@@ -107,7 +107,7 @@ ACCEL = SimpleNamespace(triad=Triad(np.zeros(3), np.eye(3)), correct=lambda raw:
 
 
 def replace_part(monkeypatch, name, built):
-    for module in (room, vector_references):
+    for module in (room, accel_poses, vector_references):
         if hasattr(module, name):
             monkeypatch.setattr(module, name, built)
 
@@ -151,6 +151,7 @@ def gyro_of(standstills, latitude=None, notes=None):
         ACCEL,
         latitude,
         [] if notes is None else notes,
+        np.zeros(3),
     )
 
 
@@ -301,7 +302,8 @@ def test_notes_start_with_the_methods_of_both_triads_and_unobservable_parameters
     poses = SimpleNamespace(is_sufficient=sufficient, describe_deficit=lambda name: f"{name} lacks a pose")
     given = []
 
-    def solve(_, gravity, convention):
+    def solve(_, gravity, convention, pose_terms):
+        assert pose_terms == ()
         given.extend([gravity, convention])
         return SimpleNamespace(poses=poses, correct=lambda raw: raw, exponents=())
 

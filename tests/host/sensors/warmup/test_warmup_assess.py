@@ -76,8 +76,8 @@ def test_block_means_are_tested_by_the_residual_of_the_fit_and_both_tests_must_p
     assert observed == [(True, True, True), (True, False, False), (False, True, False)]
 
 
-def assessed(kind, bic, statistic=50.0, white=False, determined=True):
-    fit = SimpleNamespace(kind=kind, bic=bic, is_determined=determined)
+def assessed(kind, bic, statistic=50.0, white=False, determined=True, noise=1.0):
+    fit = SimpleNamespace(kind=kind, bic=bic, is_determined=determined, noise=noise)
     return AssessedFit(fit, None, SimpleNamespace(statistic=statistic, is_white=white, p_value=0.5, lags=20))
 
 

@@ -28,6 +28,6 @@ def test_the_marginal_likelihood_is_the_density_of_all_that_could_have_been_read
 def test_the_covariance_of_a_record_is_that_of_its_three_noises_together():
     rng = np.random.default_rng(SEED)
     flicker, walk = (root @ root.T for root in rng.standard_normal((2, 6, 6)))
-    record = _ScaledRecord(np.arange(6.0), np.zeros(6), None, 1.0, 0.0, flicker, walk)
+    record = _ScaledRecord(np.arange(6.0), np.zeros(6), None, 1, 1.0, 0.0, flicker, walk)
     lower = np.tril(record.factor(*np.log([0.7, 2.0, 3.0]))[0])
     assert lower @ lower.T == pytest.approx(0.7**2 * np.eye(6) + 2.0**2 * flicker + 3.0**2 * walk)
