@@ -158,8 +158,11 @@ def _is_accurate(finding: Finding, injection: Injection, recorded: Mapping[str, 
     return True
 
 
-def print_summary(rows: Sequence[Row]) -> None:
-    """Print the figures of all cases."""
+def print_summary(rows: Sequence[Row], own_gaps: Mapping[str, float]) -> None:
+    """Print the figures of all cases.
+
+    own_gaps: gap of each drive with the model learnt on it
+    """
     effects = [row for row in rows if row.case.effect]
     plain = [row for row in rows if not row.case.effect]
     sure = sum(row.sure for row in rows)
@@ -174,16 +177,23 @@ def print_summary(rows: Sequence[Row]) -> None:
     print(f"gap larger than before:                 {sum(row.gap_after > row.gap_before for row in rows)}")
     print(f"names above 0.9 that are right:         {sum(row.sure_right for row in rows)} of {sure}")
     print(f"seconds a run, median:                  {np.median([row.seconds for row in rows]):.0f}")
+    for row in plain:
+        if row.case.drive in own_gaps:
+            ratio = row.gap_before / own_gaps[row.case.drive]
+            print(
+                f"gap of {row.case.drive} with the model of {row.case.learnt_on}, over its own: {ratio:.4f}"
+            )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run all cases in two processes; rows that a file has already are not run again."""
+    """Run all cases, write their rows, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--pairs", default=",".join(f"{a}:{b}" for a in DRIVES for b in DRIVES if a != b))
     parser.add_argument("--effects", default="", help="only these")
-    parser.add_argument("--strengths", default=",".join(STRENGTHS))
+    parser.add_argument("--strengths", default=",".join(STRENGTHS), help="'' for the drives as they are")
     parser.add_argument("--seed", type=int, default=1, help="of repeats, outliers")
     parser.add_argument("--output", type=Path, default=Path("out/gap-real"))
+    parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--two-drives", action="store_true", help="compare the drives of each pair instead")
     options = parser.parse_args(arguments)
     pairs = [tuple(pair.split(":", 1)) for pair in options.pairs.split(",")]
@@ -192,8 +202,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(f"seed {options.seed}")
     if options.two_drives:
         return compare_pairs(options.pairs.split(","), effects, options.seed, options.output)
+    own_gaps: dict[str, float] = {}
     for drive in sorted({first for first, _ in pairs}):
         result = learn(drive, options.output)
+        own_gaps[drive] = result.gap.after
         names = ", ".join(f"{one.effect}/{one.scope}" for one in result.found)
         print(
             f"learnt on {drive}: gap {result.gap.before:.2f} -> {result.gap.after:.2f} "
@@ -202,7 +214,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
     cases = list(list_cases([(a, b) for a, b in pairs], effects, options.strengths.split(",")))
     run, rows = partial(run_case, folder=options.output, seed=options.seed), []
-    with ProcessPoolExecutor(2) as pool, (options.output / "rows.jsonl").open("w") as file:
+    with ProcessPoolExecutor(options.jobs) as pool, (options.output / "rows.jsonl").open("w") as file:
         for row in pool.map(run, cases):
             rows.append(row)
             file.write(json.dumps(asdict(row)) + "\n")
@@ -215,7 +227,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 f"gap {row.gap_before:.3f} -> {row.gap_after:.3f}  {' '.join(row.wrong)}",
                 flush=True,
             )
-    print_summary(rows)
+    print_summary(rows, own_gaps)
     return 0
 
 

@@ -16,6 +16,7 @@ from hubodo.effects import BY_NAME  # noqa: E402
 from hubodo.gap.change.given_model import is_remounted  # noqa: E402
 from hubodo.gap.judge.search import build_initial_state  # noqa: E402
 from hubodo.gap.problem.build import build_problem  # noqa: E402
+from hubodo.gap.process_noise.residual import compute_gap  # noqa: E402
 from hubodo.gap.refit.cross_validation import compute_held_out_gain  # noqa: E402
 from hubodo.gap.refit.refit import refit, refit_with_weights  # noqa: E402
 from hubodo.gap.state.terms import REPEATABILITY, ModelTerm  # noqa: E402
@@ -49,6 +50,8 @@ x = 0.0388
 y = 0.0080
 z = 0.0146
 """
+# As `real.py` prints.
+OWN_GAP_OF_DRIVE_1 = 1.034
 BANK = ("road_bank", "vehicle")
 NONORTHOGONALITY = ("gyro_nonorthogonality", "left")
 
@@ -69,6 +72,12 @@ def fit(recording, model, *terms):
 @pytest.fixture(scope="module")
 def recorded(model):
     return fit(read_drive("drive-1"), model)
+
+
+def test_a_model_of_another_drive_leaves_hardly_more_than_that_of_the_drive(recorded):
+    gap = compute_gap(recorded.without_cache().evaluation.residuals)
+    print(f"gap {gap:.4f}, with the model learnt on the drive {OWN_GAP_OF_DRIVE_1}")
+    assert gap < 1.02 * OWN_GAP_OF_DRIVE_1
 
 
 def test_given_effects_differ_within_their_repeatability_and_keep_their_values(model, recorded):
