@@ -39,6 +39,17 @@ class SemiCase:
     gain_nats: float = np.nan
     visible: tuple[str, ...] = ()
 
+    @property
+    def expected_effect(self) -> Effect | None:
+        """Return the effect that a result is compared with.
+
+        That of a bank has the rms of this drive, which is often shorter than a few correlation lengths.
+        """
+        if self.effect is None or self.effect.name != ROAD_BANK:
+            return self.effect
+        sigma = float(np.sqrt(np.mean(draw_bank(self.setup, self.effect) ** 2)))
+        return replace(self.effect, parameters={**self.effect.parameters, "sigma": sigma})
+
     def write_model(self) -> str:
         """Return the text of the model file: nominal vehicle and declared noise."""
         noise = self.setup.noise["left"]

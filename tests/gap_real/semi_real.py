@@ -110,7 +110,7 @@ def run_cell(cell: Cell, folder: Path, size: float, duration: float | None) -> R
         result = _find_gap_of_text(case.write_model(), case.record())
     except Exception:  # noqa: BLE001 (a failed search is counted and does not end the run)
         return {**row, "error": traceback.format_exc(limit=-4)}
-    row |= score_result(result, case.effect, case.visible)
+    row |= score_result(result, case.expected_effect, case.visible)
     return {**row, "cpu": round(time.process_time() - start, 1)}
 
 

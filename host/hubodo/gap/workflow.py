@@ -11,7 +11,7 @@ from hubodo.gap.explain.finding import build_finding
 from hubodo.gap.explain.missing_effects import MissingEffects
 from hubodo.gap.explain.result import BeforeAfter, Finding, Verdict, split_by_channel
 from hubodo.gap.explain.unexplained import list_unexplained
-from hubodo.gap.judge.held_out import HeldOutSplit, split_held_out
+from hubodo.gap.judge.held_out import HeldOutResidual, HeldOutSplit, measure_held_out, split_held_out
 from hubodo.gap.judge.journal import Journal
 from hubodo.gap.judge.reconsider import RoundsByKey, drop_chance_effects, reconsider_effects
 from hubodo.gap.judge.round import ReportProgress
@@ -29,8 +29,6 @@ from hubodo.recording import Recording
 
 # Largest change of an effect of the model, in usual sizes, that is no finding where residuals are correlated.
 _MAX_MINOR_CHANGE, _MIN_REFINEMENT_TEMPERING = 0.25, 2.0
-# Ratio of two gaps on held-out samples up to which they are equal: there, an effect may not show at all.
-_MAX_EQUAL_GAP_RATIO = 1.0001
 # Ratio of the final gap to that of noise alone, from which on the log is not fully explained.
 _MAX_EXPLAINED_GAP_RATIO = 1.5
 
@@ -211,10 +209,10 @@ def _measure_stages(
 ) -> tuple[list[Evaluation], list[float], list[Mapping[str, Residual]], int]:
     """Return evaluation, held-out gap and residuals after each of K effects, and how many effects to keep."""
     stages = [*(_refit_stage(initial_state, terms[:k], final) for k in range(len(terms))), final]
-    held_out_gaps = [_held_out_gap(stage.without_cache(), held_out_split) for stage in stages]
+    held_out = [_measure_held_out(stage.without_cache(), held_out_split) for stage in stages]
     residuals = [stage.without_cache().residuals for stage in stages]
-    best = _best_stage([compute_gap(one) for one in residuals], held_out_gaps)
-    return stages, held_out_gaps, residuals, best
+    best = _best_stage([compute_gap(one) for one in residuals], held_out)
+    return stages, [one.gap for one in held_out], residuals, best
 
 
 def _with_refinements_last(initial_state: State, terms: Sequence[ModelTerm]) -> list[ModelTerm]:
@@ -223,15 +221,16 @@ def _with_refinements_last(initial_state: State, terms: Sequence[ModelTerm]) -> 
     return sorted(terms, key=lambda term: term.key in given)
 
 
-def _best_stage(gaps: Sequence[float], held_out_gaps: Sequence[float]) -> int:
+def _best_stage(gaps: Sequence[float], held_out: Sequence[HeldOutResidual]) -> int:
     """Return how many effects to keep: all, unless the gap grew; then those up to the smallest held-out gap.
 
-    gaps, held_out_gaps: (K + 1,) with the first k effects
+    gaps, held_out: (K + 1,) with the first k effects
     """
-    largest = _MAX_EQUAL_GAP_RATIO * held_out_gaps[0]
-    allowed = [k for k in range(len(gaps)) if gaps[k] <= gaps[0] and not held_out_gaps[k] > largest]
+    allowed = [
+        k for k, one in enumerate(held_out) if gaps[k] <= gaps[0] and not one.is_larger_than(held_out[0])
+    ]
     last = len(gaps) - 1
-    return last if last in allowed else min(allowed, key=lambda k: held_out_gaps[k])
+    return last if last in allowed else min(allowed, key=lambda k: held_out[k].gap)
 
 
 def _given_effect(initial_state: State, term: ModelTerm) -> Effect | None:
@@ -250,9 +249,9 @@ def _refit_stage(initial_state: State, terms: Sequence[ModelTerm], final: Evalua
     ).evaluation.without_cache()
 
 
-def _held_out_gap(evaluation: Evaluation, held_out_split: HeldOutSplit) -> float:
-    """Return the gap on held-out samples, with the terms fitted to the others."""
+def _measure_held_out(evaluation: Evaluation, held_out_split: HeldOutSplit) -> HeldOutResidual:
+    """Return the residual of held-out samples, with the terms fitted to the others."""
     trained = refit(
         replace(evaluation, weights=held_out_split.exclude_from(evaluation.weights)), rounds=2
     ).without_cache()
-    return compute_gap(evaluation.with_state(trained.state).residuals, held_out_split.masks)
+    return measure_held_out(evaluation.with_state(trained.state).residuals, held_out_split.masks)

@@ -9,6 +9,7 @@ import wanted
 from gap_matrix.make_case import write_case
 from gap_runs import run_gap
 from hubodo.effects import BY_NAME
+from hubodo.gap.judge.held_out import HeldOutResidual
 from hubodo.gap.judge.round import judge_round
 from hubodo.gap.judge.search import build_initial_state
 from hubodo.gap.problem.build import build_problem
@@ -89,12 +90,31 @@ def test_a_wrong_value_in_the_model_file_is_refined_and_the_old_one_given(scope,
     assert again.names == []
 
 
+def held_out(gap, *growth):
+    """Return the residual of eight held-out blocks of 1000 samples of this gap, plus a growth of squares."""
+    squares = np.full(8, 1000.0 * gap**2) + np.array(growth or [0.0] * 8)
+    return HeldOutResidual(gap, squares)
+
+
+def best_stage(gaps, held_out_gaps):
+    return _best_stage(gaps, [held_out(gap) for gap in held_out_gaps])
+
+
 def test_of_a_search_whose_gap_grew_the_best_part_remains():
-    assert _best_stage([3.0, 2.0, 1.0], [3.0, 2.0, 1.0]) == 2
-    assert _best_stage([3.0, 2.0, 3.1], [3.0, 2.0, 1.0]) == 1
-    assert _best_stage([3.0, 2.0, 1.0], [3.0, 2.5, 3.2]) == 1
-    assert _best_stage([3.0, 3.5], [3.0, 3.5]) == 0
-    assert _best_stage([3.0, 2.0], [np.nan, np.nan]) == 1
+    assert best_stage([3.0, 2.0, 1.0], [3.0, 2.0, 1.0]) == 2
+    assert best_stage([3.0, 2.0, 3.1], [3.0, 2.0, 1.0]) == 1
+    assert best_stage([3.0, 2.0, 1.0], [3.0, 2.5, 3.2]) == 1
+    assert best_stage([3.0, 3.5], [3.0, 3.5]) == 0
+    nothing = HeldOutResidual(np.nan, np.empty(0))
+    assert _best_stage([3.0, 2.0], [nothing, nothing]) == 1
+
+
+def test_a_growth_on_held_out_samples_counts_beyond_its_scatter():
+    """A camber of 1 mrad in the noise of a real road, with growth in eight blocks of time."""
+    by_chance = held_out(0.713, -3.7, -0.9, 0.1, 7.0, -1.4, -8.8, 2.6, 10.0)
+    steady = held_out(0.713, 0.3, 0.8, 0.5, 0.9, 0.4, 0.7, 0.6, 0.8)
+    assert _best_stage([0.6583, 0.6574], [held_out(0.713), by_chance]) == 1
+    assert _best_stage([0.6583, 0.6574], [held_out(0.713), steady]) == 0
 
 
 def test_refinements_of_the_model_are_given_up_before_new_effects(problem):
@@ -110,8 +130,8 @@ def test_refinements_of_the_model_are_given_up_before_new_effects(problem):
 
 def test_an_effect_that_the_held_out_condition_does_not_show_stays():
     """Saturation of the fastest turn: rounding of the filter changes the gap elsewhere by 5e-6 of it."""
-    assert _best_stage([2.35128, 2.04242], [1.97809, 1.97810]) == 1
-    assert _best_stage([2.35128, 2.04242], [1.97809, 1.97850]) == 0
+    assert best_stage([2.35128, 2.04242], [1.97809, 1.97810]) == 1
+    assert best_stage([2.35128, 2.04242], [1.97809, 1.97850]) == 0
 
 
 def select_samples(recording, duration, stride):

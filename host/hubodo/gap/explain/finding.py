@@ -11,7 +11,7 @@ from hubodo.effects import Effect
 from hubodo.effects.empirical import PREFIX
 from hubodo.gap.explain.descriptions import describe_manoeuvre, describe_where
 from hubodo.gap.explain.result import BeforeAfter, Estimate, Finding
-from hubodo.gap.judge.hypothesis import Hypothesis
+from hubodo.gap.judge.hypothesis import UNHELPFUL, Hypothesis
 from hubodo.gap.judge.posterior import MAX_SIMILAR_GAIN, sum_by_name
 from hubodo.gap.judge.reconsider import RoundsByKey
 from hubodo.gap.judge.search import SearchResult
@@ -54,7 +54,7 @@ def build_finding(
         if hypothesis.term.effect.name != name
     }
     gains_below = {other: own.gain - gain for other, gain in gains.items()} if own is not None else {}
-    is_overshadowed = _is_overshadowed(term, result, rounds)
+    is_overshadowed = _is_overshadowed(term, result, rounds) or _is_contested(own, hypotheses)
     confidence = _limit_confidence(probabilities.get(name, 0.0), own, gains_below, is_overshadowed)
     scopes = _list_equal_scopes(hypotheses, own)
     confidence /= max(len(scopes), 1)
@@ -148,6 +148,23 @@ def _is_overshadowed(term: ModelTerm, result: SearchResult, rounds: RoundsByKey)
         and other.scope in scopes
         and _gain_of(rounds, other) > _MIN_UNNAMED_GAIN_RATIO * _gain_of(rounds, term)
         for other in terms
+    )
+
+
+def _is_contested(own: Hypothesis | None, hypotheses: Sequence[Hypothesis]) -> bool:
+    """Return True if a listed effect with as few coordinates fits as well, but fails on held-out samples.
+
+    A clock that drifts is visible at the end of a log alone, which the other folds do not predict.
+    """
+    if own is None or own.held_out_gain is None:
+        return False
+    return any(
+        other.objection == UNHELPFUL
+        and not other.term.effect.name.startswith(PREFIX)
+        and other.term.effect.name != own.term.effect.name
+        and other.gain > own.gain - MAX_SIMILAR_GAIN
+        and len(other.term.effect.coordinates()) <= len(own.term.effect.coordinates())
+        for other in hypotheses
     )
 
 

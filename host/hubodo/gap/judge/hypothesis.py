@@ -38,6 +38,7 @@ MIN_CORRELATED_GAIN, MIN_CORRELATED_TEMPERING = 45.0, 3.0
 _MIN_PLAUSIBLE_SHARE = 0.5
 # ln Bayes factor of a hypothesis with an objection: too little for any prior.
 _OBJECTION_EVIDENCE = -50.0
+UNHELPFUL = "does not help on samples to which it was not fitted"
 DOUBTFUL_LEVEL = "gains no more on held-out samples than the level of the noise leaves in doubt"
 _DOUBTFUL_CORRELATION = "gains no more than the correlation of the residuals leaves in doubt"
 
@@ -174,8 +175,8 @@ def _weigh_objections(
     )
     if _plausible_share(term, after) < _MIN_PLAUSIBLE_SHARE:
         return hypothesis.with_objection(_describe_implausible(term, after))
-    if not _helps_held_out(gain, held_out_gain, tempering):
-        return hypothesis.with_objection("does not help on samples to which it was not fitted")
+    if not helps_held_out(gain, held_out_gain, tempering):
+        return hypothesis.with_objection(UNHELPFUL)
     is_correlated = tempering > MIN_CORRELATED_TEMPERING
     chance = MIN_CORRELATED_GAIN * tempering if is_correlated else 0.0
     if not term.effect.name.startswith(PREFIX):
@@ -228,7 +229,7 @@ def _describe_implausible(term: ModelTerm, after: Refit) -> str:
     return f"not physical: {limit}; another cause looks like this"
 
 
-def _helps_held_out(gain: float, held_out_gain: HeldOutGain, tempering: float) -> bool:
+def helps_held_out(gain: float, held_out_gain: HeldOutGain, tempering: float) -> bool:
     """Return True if a term gains more on held-out samples than correlated residuals do by chance."""
     correlated_share = 1.0 - 1.0 / tempering
     return (

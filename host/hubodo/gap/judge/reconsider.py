@@ -8,7 +8,7 @@ from math import log
 
 from hubodo.effects import count_fitted_effects
 from hubodo.effects.empirical import PREFIX
-from hubodo.gap.judge.hypothesis import Hypothesis
+from hubodo.gap.judge.hypothesis import MIN_CORRELATED_TEMPERING, Hypothesis, helps_held_out
 from hubodo.gap.judge.round import EMPIRICAL, MIN_ADD_PROBABILITY, Round
 from hubodo.gap.judge.search import SearchObserver, SearchResult
 from hubodo.gap.refit.refit import Refit, compute_gain, refit, refit_with_weights
@@ -261,15 +261,13 @@ def drop_chance_effects(
     The null distribution is that of the final model's residual. Applies to effects visible in the mean;
     `accept`: effects that are never removed.
     """
-    null_distribution = result.rounds[-1].null_distribution
-    by_chance = set()
+    last, by_chance = result.rounds[-1], set()
     for key, judged in rounds.items():
         hypothesis = judged.find_hypothesis(key)
-        if (
-            hypothesis is not None
-            and hypothesis.state is not None
-            and hypothesis.p_value(null_distribution) >= 1.0 - MIN_ADD_PROBABILITY
-        ):
+        if hypothesis is None or hypothesis.state is None:
+            continue
+        is_chance = hypothesis.p_value(last.null_distribution) >= 1.0 - MIN_ADD_PROBABILITY
+        if is_chance or _is_overfitted(hypothesis, judged, last):
             by_chance.add(key)
     dropped = [
         term.key
@@ -279,3 +277,14 @@ def drop_chance_effects(
     if not dropped:
         return result, rounds
     return replace(result, final=refit_with_weights(result.final.state.without_terms(dropped))), rounds
+
+
+def _is_overfitted(hypothesis: Hypothesis, judged: Round, last: Round) -> bool:
+    """Return True if the last round shows correlation under which an effect had to help held-out samples.
+
+    Where an effect is visible in a few blocks only, such as standstills between drives in vibration, its own
+    block scores do not show that residuals are correlated: a warm-up passes through all of them.
+    """
+    is_new = judged.tempering <= MIN_CORRELATED_TEMPERING < last.tempering
+    gain = hypothesis.held_out_gain
+    return is_new and gain is not None and not helps_held_out(hypothesis.gain, gain, last.tempering)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -64,6 +64,20 @@ class Residual:
         """Return the declared 1 sigma of one channel, (N,)."""
         return np.asarray(np.hypot(self.sensor_sigma[row], self.input_sigma[row]))
 
+    def list_squares(self, mask: NDArray[np.bool_] | None = None) -> Iterator[tuple[Array, Array]]:
+        """Yield times, (n,) s, and squares over declared noise, (n,), of each channel and each random walk.
+
+        mask: (N,) samples to include; None for all
+        """
+        selected = np.ones(len(self.node.t), np.bool_) if mask is None else mask
+        for row in np.flatnonzero(self.node.used):
+            z = self.value[row, selected] / self.declared_channel_sigma(row)[selected]
+            yield self.node.t[selected], z**2
+        samples = self.walk_steps.samples
+        is_selected = selected[samples]
+        for steps in self.walk_steps.steps:
+            yield self.node.t[samples[is_selected]], steps[is_selected] ** 2
+
     @property
     def predicted(self) -> Array:
         """Return the predicted readings, (6, N)."""
@@ -77,13 +91,8 @@ def compute_gap(residuals: Mapping[str, Residual], masks: SampleMasks | None = N
     """
     total, count = 0.0, 0
     for name, residual in residuals.items():
-        selected = slice(None) if masks is None else masks[name]
-        for row in np.flatnonzero(residual.node.used):
-            z = residual.value[row, selected] / residual.declared_channel_sigma(row)[selected]
-            total, count = total + float(z @ z), count + z.size
-        walk = residual.walk_steps
-        steps = walk.steps if masks is None else walk.steps[:, masks[name][walk.samples]]
-        total, count = total + float(np.vdot(steps, steps)), count + steps.size
+        for _t, squares in residual.list_squares(None if masks is None else masks[name]):
+            total, count = total + float(squares.sum()), count + squares.size
     return float(np.sqrt(total / count)) if count else float("nan")
 
 

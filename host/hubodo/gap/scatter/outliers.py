@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from math import log
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import chdtrc, expit, logit, logsumexp
 
@@ -23,7 +24,7 @@ _OUTLIER_SHARES = np.geomspace(1e-5, 0.3, 40)
 _MIN_SPIKE_GAIN = 15.0
 # Evidence deducted because sensor noise is never exactly Gaussian.
 _NON_GAUSSIAN_PENALTY = 2.0
-_OUTLYING_SIGMA, _MIN_UNIFORM_P_VALUE = 5.0, 1e-5
+_OUTLYING_SIGMA, _ISOLATED_SIGMA, _MIN_UNIFORM_P_VALUE = 5.0, 4.5, 1e-5
 # Ratio of the noise of two groups from which on the noise varies within groups, too, and so has a tail; the
 # ratio of the tail's sigma to the noise, and its share to start with.
 _MIN_VARYING_RATIO, _TAIL_RATIO, _TAIL_SHARE = 1.5, 3.0, 0.02
@@ -45,6 +46,14 @@ class _Channel:
     z: Array
     groups: Array
     declared_sigmas: Array
+
+    def is_outlying(self, sigmas: float) -> NDArray[np.bool_]:
+        """Return which readings, (n,), are beyond so many sigmas of the noise, and beyond 1 declared sigma.
+
+        Where a sensor is much quieter than declared, such as at standstill, a start of the motor is beyond
+        many sigmas of that noise, for several readings in a row, and yet smaller than the declared noise.
+        """
+        return np.asarray(np.abs(self.z) > np.maximum(sigmas, self.declared_sigmas[self.groups]))
 
 
 @dataclass(frozen=True)
@@ -143,7 +152,7 @@ def _standardise_channels(residual: Residual) -> list[_Channel]:
 
 def _are_uniform(channels: Sequence[_Channel]) -> bool:
     """Return True if outliers are equally frequent in all channels (G-test)."""
-    counts = np.array([int((np.abs(one.z) > _OUTLYING_SIGMA).sum()) for one in channels])
+    counts = np.array([int(one.is_outlying(_OUTLYING_SIGMA).sum()) for one in channels])
     total = int(counts.sum())
     if total < 8 or len(counts) < 2:
         return True
@@ -156,7 +165,7 @@ def _are_isolated(channels: Sequence[_Channel]) -> bool:
     """Return True if outliers come one by one, hardly more of them close together than expected by chance."""
     close, hits, total = 0, 0, 0
     for one in channels:
-        is_outlier = np.abs(one.z) > 4.5
+        is_outlier = one.is_outlying(_ISOLATED_SIGMA)
         hits, total = hits + int(is_outlier.sum()), total + len(is_outlier)
         close += int((is_outlier[2:] & is_outlier[:-2]).sum()) + int((is_outlier[3:] & is_outlier[:-3]).sum())
     expected = 2.0 * hits * hits / max(total, 1)

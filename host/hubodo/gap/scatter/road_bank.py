@@ -10,7 +10,6 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
 from hubodo.effects import BY_NAME
-from hubodo.gap.process_noise.process_noise import mean_speed
 from hubodo.gap.process_noise.residual import Residual
 from hubodo.gap.process_noise.wheel_phase import WINDOW_DURATION
 from hubodo.gap.process_noise.window_sums import winsorise
@@ -33,10 +32,9 @@ def detect_road_bank(residuals: Sequence[Residual]) -> list[Proposal]:
     if not wheels or BY_NAME[EFFECT_NAME] in wheels[0].effects:
         return []
     bank, variance = _measure_bank(wheels)
-    speed = mean_speed(wheels[0].node)
-    decays = np.exp(-WINDOW_DURATION * speed / _LENGTHS)
-    grid = np.array([(sigma, decay) for sigma in _SIGMAS for decay in decays])
-    likelihoods = _log_likelihoods(bank, variance, np.vstack([[0.0, 0.0], grid]))
+    distances = _measure_distances(wheels, len(bank))
+    grid = np.array([(sigma, length) for sigma in _SIGMAS for length in _LENGTHS])
+    likelihoods = _log_likelihoods(bank, variance, distances, np.vstack([[0.0, _LENGTHS[0]], grid]))
     gains = (likelihoods[1:] - likelihoods[0]).reshape(len(_SIGMAS), len(_LENGTHS))
     best_sigma, best_length = np.unravel_index(int(np.argmax(gains)), gains.shape)
     gain = float(gains[best_sigma, best_length])
@@ -44,7 +42,7 @@ def detect_road_bank(residuals: Sequence[Residual]) -> list[Proposal]:
         return []
     sigma, length = float(_SIGMAS[best_sigma]), float(_LENGTHS[best_length])
     # The process crosses its mean about this often; each crossing is one independent observation of its size.
-    n_independent = max(len(bank) * WINDOW_DURATION * speed / (2.0 * length), 1.0)
+    n_independent = max(float(distances.sum()) / (2.0 * length), 1.0)
     sigmas = {"sigma": sigma / math.sqrt(2.0 * n_independent), "length": length / math.sqrt(n_independent)}
     largest = int(np.argmax(np.abs(bank) * (variance < np.median(variance) * 4.0)))
     where = (
@@ -58,7 +56,7 @@ def detect_road_bank(residuals: Sequence[Residual]) -> list[Proposal]:
 
 def _measure_bank(wheels: Sequence[Residual]) -> tuple[Array, Array]:
     """Return the bank in each window, (K,) rad, and its variance, as the mean of the wheels."""
-    first = min(float(one.node.t[0]) for one in wheels)
+    first = _first_time(wheels)
     count = 1 + max(int((one.node.t[-1] - first) / WINDOW_DURATION) for one in wheels)
     total, information = np.zeros(count), np.full(count, 1e-9)
     for one in wheels:
@@ -72,15 +70,29 @@ def _measure_bank(wheels: Sequence[Residual]) -> tuple[Array, Array]:
     return total / information, 1.0 / information
 
 
-def _log_likelihoods(bank: Array, variance: Array, grid: Array) -> Array:
+def _measure_distances(wheels: Sequence[Residual], count: int) -> Array:
+    """Return the distance driven in each window, (count,) m: at standstill the bank stays as it is."""
+    centres = _first_time(wheels) + WINDOW_DURATION * (np.arange(count) + 0.5)
+    last = max(float(one.node.t[-1]) for one in wheels)
+    speed = wheels[0].node.forward.inputs.at(np.minimum(centres, last)).speed
+    return np.asarray(np.abs(speed) * WINDOW_DURATION)
+
+
+def _first_time(wheels: Sequence[Residual]) -> float:
+    return min(float(one.node.t[0]) for one in wheels)
+
+
+def _log_likelihoods(bank: Array, variance: Array, distances: Array, grid: Array) -> Array:
     """Return ln likelihood, (G,), of Gauss-Markov processes in white noise, by Kalman filters.
 
-    grid: (G, 2), 1 sigma and correlation from window to window
+    distances: (K,) m, driven in each window
+    grid: (G, 2), 1 sigma and correlation length
     """
-    sigma, decay = grid.T
+    sigma, length = grid.T
+    decays = np.exp(-distances[:, None] / length)
     mean, spread = np.zeros(len(grid)), sigma**2
     total = np.zeros(len(grid))
-    for value, noise in zip(bank.tolist(), variance.tolist(), strict=True):
+    for value, noise, decay in zip(bank.tolist(), variance.tolist(), decays, strict=True):
         covariance = spread + noise
         innovation = value - mean
         total -= 0.5 * (innovation**2 / covariance + np.log(covariance))

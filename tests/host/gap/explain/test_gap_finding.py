@@ -1,10 +1,12 @@
 """Confidence of a finding."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 from hubodo.effects import BY_NAME
-from hubodo.gap.explain.finding import _limit_confidence, _list_equal_scopes
-from hubodo.gap.judge.hypothesis import Hypothesis
+from hubodo.gap.explain.finding import _is_contested, _limit_confidence, _list_equal_scopes
+from hubodo.gap.judge.hypothesis import UNHELPFUL, Hypothesis
+from hubodo.gap.refit.cross_validation import HeldOutGain
 from hubodo.gap.state.terms import ModelTerm
 
 STRONG_HYPOTHESIS, WEAK_HYPOTHESIS = SimpleNamespace(gain=500.0), SimpleNamespace(gain=20.0)
@@ -26,3 +28,14 @@ def test_scopes_that_share_the_probability_are_listed():
     assert _list_equal_scopes(hypotheses, hypotheses[1]) == ["left", "right"]
     assert _list_equal_scopes(hypotheses, hypotheses[2]) == []
     assert _list_equal_scopes(hypotheses, None) == []
+
+
+def test_an_effect_is_contested_by_one_that_fits_as_well_and_only_fails_on_held_out_samples():
+    held_out = HeldOutGain(100.0, 1.0, 1.0)
+    own = Hypothesis(ModelTerm(BY_NAME["time_offset"](), "left"), 281.5, 90.0, 1.0, held_out_gain=held_out)
+    skew = Hypothesis(ModelTerm(BY_NAME["clock_skew"](), "all"), 281.6, 90.0, 0.0).with_objection(UNHELPFUL)
+    assert _is_contested(own, [own, skew])
+    assert not _is_contested(own, [own, replace(skew, gain=250.0)])
+    assert not _is_contested(own, [own, replace(skew, objection="not physical")])
+    more_coordinates = ModelTerm(BY_NAME["gyro_nonorthogonality"](), "all")
+    assert not _is_contested(own, [own, replace(skew, term=more_coordinates)])

@@ -71,6 +71,25 @@ def test_outliers_have_one_size_on_a_road_whose_noise_varies(seed, share, sigma)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
+def test_bumps_below_the_declared_noise_are_no_bursts_of_outliers(seed):
+    """A sensor that is quiet at standstill, where bumps of half the declared noise last for four readings."""
+    rng = np.random.default_rng(seed)
+    clean, _ = draw_readings(rng, 6000)
+    group = np.arange(6000) // 600 % 2
+    levels = np.array([0.07, 1.0])
+    y = clean + SIGMA * levels[group] * rng.standard_normal(clean.shape)
+    for start in rng.choice(np.flatnonzero(group[:-4] == 0), 10, replace=False):
+        y[:, start : start + 4] += 0.5 * SIGMA * rng.standard_normal((6, 1)) * [1.0, -1.0, 1.0, -1.0]
+    y += (rng.random(y.shape) < 0.01) * 15.0 * SIGMA * rng.standard_normal(y.shape)
+    residual = build_residual(y, clean)
+    noise = replace(residual.noise, group_sigmas=SIGMA * levels, group_indices=group.astype(np.uint8))
+    (proposal,) = detect_outliers([replace(residual, noise=noise)])
+    values = proposal.term.effect.values()
+    assert values["probability"] == pytest.approx(0.01, rel=0.3)
+    assert values["sigma"] == pytest.approx(15.0, rel=0.2)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
 def test_a_single_outlier_leaves_probability_and_sigma_uncertain(seed):
     """Given one count, 1 sigma of a Poisson rate is the rate, that of a Gaussian sigma is sigma / sqrt(2).
 

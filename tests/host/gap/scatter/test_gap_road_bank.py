@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal
 
 from gap_matrix import cases
 from gap_matrix.recording import write_case_files
@@ -9,6 +10,7 @@ from gap_matrix.world import GRAVITY
 from gap_runs import run_gap
 from hubodo.effects import BY_NAME
 from hubodo.effects.sensor_chain import SensorChain
+from hubodo.gap.scatter.road_bank import _log_likelihoods
 from repetitions import first_and_more
 
 
@@ -57,3 +59,22 @@ def test_the_simulated_road_has_the_variance_and_the_correlation_that_it_declare
     assert np.std(bank) == pytest.approx(0.02, rel=0.1)
     lag = int(20.0 / 5.0 / 0.05)
     assert np.mean(bank[lag:] * bank[:-lag]) / np.var(bank) == pytest.approx(np.exp(-1.0), abs=0.1)
+
+
+def test_the_likelihood_of_a_bank_is_that_of_a_process_of_the_distance_with_standstills():
+    """Against the joint distribution of all windows; the readings are quiet while the vehicle stands."""
+    rng = np.random.default_rng(1)
+    speed = np.repeat([0.0, 3.0, 0.0, 6.0], 15)
+    distances, variance = 0.5 * speed, np.where(speed > 0.0, 4e-4, 6e-5) ** 2
+    sigma, length = 2e-3, 20.0
+    place = np.cumsum(distances)
+    shape = np.exp(-np.abs(place[:, None] - place) / length)
+    bank = rng.multivariate_normal(np.zeros(len(place)), sigma**2 * shape + np.diag(variance))
+    # The distance of a window is driven before the next one.
+    gaps = np.append(np.diff(place), 0.0)
+    likelihoods = _log_likelihoods(
+        bank, variance, gaps, np.array([[sigma, length], [2.0 * sigma, 3.0 * length]])
+    )
+    covariances = [sigma**2 * shape, 4.0 * sigma**2 * shape ** (1.0 / 3.0)]
+    exact = [multivariate_normal(cov=part + np.diag(variance)).logpdf(bank) for part in covariances]
+    assert likelihoods[1] - likelihoods[0] == pytest.approx(exact[1] - exact[0], abs=1e-3)
