@@ -13,8 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import BSpline, PPoly, make_interp_spline
-from scipy.linalg import solveh_banded
+from scipy.linalg import cho_solve_banded, cholesky_banded, solveh_banded
 from scipy.optimize import minimize_scalar
+from scipy.sparse import csr_array
 
 from hubodo.arrays import Array
 
@@ -23,6 +24,8 @@ _PENALTY_ORDER = 3
 # Extension of the spline at both ends, s: times at an end may be rounded beyond it, or shifted by the step of
 # a numerical derivative, and there the slope must not jump to zero.
 _END_TOLERANCE = 1e-6
+# Share of the squares of samples that a filter may ignore.
+_NEGLIGIBLE_SQUARES = 1e-6
 # Angular frequencies in (0, pi) rad per sample, and at each of them the power of a sampled B-spline including
 # its aliases and the power of its penalised differences.
 _ANGULAR_FREQUENCIES = (np.arange(512) + 0.5) * np.pi / 512
@@ -56,6 +59,7 @@ class SmoothingSpline:
     noise : 1 sigma of one sample, estimated from the residual.
     value_noise, slope_noise : 1 sigma of the residual noise of the value and, per second, of the slope.
     correlation_time : correlation time of the residual noise, s.
+    cutoff : frequency at which the gain of the smoother is one half, Hz.
     """
 
     spline: BSpline
@@ -65,6 +69,7 @@ class SmoothingSpline:
     value_noise: float
     slope_noise: float
     correlation_time: float
+    cutoff: float = np.inf
 
     def __call__(self, t: Array, derivative: int = 0) -> Array:
         """Return value, slope or second derivative, for `derivative` 0, 1 or 2, at t, (N,) s."""
@@ -141,21 +146,14 @@ def fit_smoothing_spline(t: Array, value: Array, max_frequency: float = np.inf) 
     span = float(t[-1] - t[0])
     count = max(8, round(span / float(np.median(np.diff(t)))))
     step = span / count
-    knots = t[0] + step * np.arange(-_SPLINE_DEGREE, count + _SPLINE_DEGREE + 1)
-    design = BSpline.design_matrix(np.clip(t, t[0], t[-1]), knots, _SPLINE_DEGREE, extrapolate=True)
-    gram = design.T @ design
-    data = np.zeros((_SPLINE_DEGREE + 1, gram.shape[0]))
-    for k in range(_SPLINE_DEGREE + 1):
-        data[_SPLINE_DEGREE - k, k:] = gram.diagonal(k)
+    knots, design, data = _build_design(t, step, count)
     right_hand_side = design.T @ value
-    penalty = _banded_penalty(gram.shape[0])
+    penalty = _banded_penalty(data.shape[1])
     # In a gap between samples the penalty alone determines the coefficients.
     value_range_squared = float(np.ptp(value)) ** 2
 
     def fit_coefficients(log_weight: float) -> Array:
-        banded = data.copy()
-        banded[_SPLINE_DEGREE - _PENALTY_ORDER :] += np.exp(log_weight) * penalty
-        banded[-1] += 1e-12
+        banded = _add_penalty(data, penalty, log_weight)
         return np.asarray(solveh_banded(banded, right_hand_side, check_finite=False))
 
     def score(log_weight: float) -> float:
@@ -180,7 +178,55 @@ def fit_smoothing_spline(t: Array, value: Array, max_frequency: float = np.inf) 
         noise * np.sqrt(value_gain),
         noise * np.sqrt(slope_gain) / step,
         step / max(value_gain, 1e-6),
+        float(np.exp(-best / (2 * _PENALTY_ORDER)) / (2.0 * np.pi * step)),
     )
+
+
+class LowPass:
+    """The smoother of a spline as a linear filter of other samples.
+
+    An error of samples that were smoothed is smoothed with them: what a filter removes needs no correction.
+    """
+
+    def __init__(self, t: Array, cutoff: float) -> None:
+        """Prepare the filter; t: (N,) s, increasing; cutoff: Hz."""
+        count = max(8, round(float(t[-1] - t[0]) / float(np.median(np.diff(t)))))
+        step = float(t[-1] - t[0]) / count
+        # The power of penalised differences at a low angular frequency is its sixth power.
+        self._log_weight = -2 * _PENALTY_ORDER * float(np.log(2.0 * np.pi * cutoff * step))
+        if np.isfinite(self._log_weight):
+            _knots, self._design, data = _build_design(t, step, count)
+            banded = _add_penalty(data, _banded_penalty(data.shape[1]), self._log_weight)
+            self._factor = cholesky_banded(banded, overwrite_ab=True, check_finite=False)
+
+    def apply(self, values: Array) -> Array:
+        """Return samples, (N,), without what is faster than the cut-off; as they are if nothing is."""
+        # The smoother minimises the squares of what it removes plus the penalty, so the penalty is a bound.
+        removed = np.exp(self._log_weight) * float(np.sum(np.diff(values, _PENALTY_ORDER) ** 2))
+        if removed <= _NEGLIGIBLE_SQUARES * float(values @ values):
+            return values
+        return np.asarray(
+            self._design
+            @ cho_solve_banded((self._factor, False), self._design.T @ values, check_finite=False)
+        )
+
+
+def _build_design(t: Array, step: float, count: int) -> tuple[Array, csr_array, Array]:
+    """Return knots, design matrix, and its gram matrix in upper banded form, (degree + 1, K)."""
+    knots = t[0] + step * np.arange(-_SPLINE_DEGREE, count + _SPLINE_DEGREE + 1)
+    design = BSpline.design_matrix(np.clip(t, t[0], t[-1]), knots, _SPLINE_DEGREE, extrapolate=True)
+    gram = design.T @ design
+    data = np.zeros((_SPLINE_DEGREE + 1, gram.shape[0]))
+    for k in range(_SPLINE_DEGREE + 1):
+        data[_SPLINE_DEGREE - k, k:] = gram.diagonal(k)
+    return knots, design, data
+
+
+def _add_penalty(data: Array, penalty: Array, log_weight: float) -> Array:
+    banded = data.copy()
+    banded[_SPLINE_DEGREE - _PENALTY_ORDER :] += np.exp(log_weight) * penalty
+    banded[-1] += 1e-12
+    return banded
 
 
 def _banded_penalty(size: int) -> Array:

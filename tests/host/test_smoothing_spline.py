@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from hubodo.smoothing_spline import constant_spline, fit_interpolating_spline, fit_smoothing_spline
+from hubodo.smoothing_spline import LowPass, constant_spline, fit_interpolating_spline, fit_smoothing_spline
 from repetitions import first_and_more
 
 
@@ -136,3 +136,23 @@ def test_a_tone_at_the_largest_frequency_passes_half(cutoff):
 def test_a_largest_frequency_beyond_the_band_of_white_noise_changes_nothing():
     t, value = noisy_samples(3, 0.05)
     assert np.array_equal(fit_smoothing_spline(t, value, 20.0)(t), fit_smoothing_spline(t, value)(t))
+
+
+def test_a_low_pass_removes_from_other_samples_what_the_smoother_removed():
+    t, value = noisy_samples(3, 0.001)
+    spline = fit_smoothing_spline(t, value, 1.0)
+    error = 0.1 * np.sin(2.0 * np.pi * 1.3 * t)
+    with_error = fit_smoothing_spline(t, value + error, 1.0)
+    passed = LowPass(t, spline.cutoff).apply(error)
+    assert np.std(passed) < 0.5 * np.std(error)
+    np.testing.assert_allclose(passed, with_error(t) - spline(t), atol=0.02 * np.std(error))
+
+
+def test_a_low_pass_has_the_same_cut_off_at_another_rate_and_returns_what_is_slow():
+    t = np.arange(0.0, 20.0, 0.02)
+    tone, slow = np.sin(2.0 * np.pi * 2.0 * t), 0.01 * t**2
+    low_pass, inside = LowPass(t, 2.0), slice(250, 750)
+    passed = low_pass.apply(tone)
+    assert passed[inside] @ tone[inside] / (tone[inside] @ tone[inside]) == pytest.approx(0.5, abs=0.05)
+    assert low_pass.apply(slow) is slow
+    assert LowPass(t, np.inf).apply(tone) is tone

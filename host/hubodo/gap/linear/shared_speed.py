@@ -55,6 +55,7 @@ class SpeedCoupling:
                 self._state.problem.speed_weights,
                 {node.name: self._read(node, effect) for node in changed_sources},
             )
+            speed = self._state.problem.speed_filter.apply(speed)
         else:
             changed_correction = self._state.correct_speed(effects, changed)
             assert changed_correction is not None

@@ -14,6 +14,7 @@ from hubodo.gap.problem.saturation import is_at_limit, weigh_speed_sources
 from hubodo.model.forward import NodeModel
 from hubodo.model.inputs import MotionInputs
 from hubodo.model.model_file import Model
+from hubodo.smoothing_spline import LowPass
 from hubodo.vehicle import NodeMount
 
 CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
@@ -114,6 +115,11 @@ class Problem:
         """Return the weights of these gyros in the measured speed, (S, N), at the stamps of the first."""
         nodes = self.speed_source_nodes
         return weigh_speed_sources(nodes[0].t, [(node.t, node.is_saturated[2]) for node in nodes])
+
+    @cached_property
+    def speed_filter(self) -> LowPass:
+        """Return the filter of the measured speed, at the stamps of the first of these gyros."""
+        return LowPass(self.speed_source_nodes[0].t, self.inputs.speed.cutoff)
 
     def select(self, samples: Mapping[str, slice]) -> Problem:
         """Return a copy with some samples of each node."""

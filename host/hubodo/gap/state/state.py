@@ -122,7 +122,7 @@ class State:
             return None
         errors = {**self.speed_errors, **self._speed_errors(effects, changed)}
         correction = correct_measured_speed(sources, self.problem.speed_weights, errors)
-        return SpeedCorrection(sources[0].t, correction)
+        return SpeedCorrection(sources[0].t, self.problem.speed_filter.apply(correction))
 
     def _speed_errors(self, effects: Effects, names: Collection[str]) -> dict[str, SpeedError]:
         sources = self.problem.speed_source_nodes

@@ -1,5 +1,6 @@
 """Error of a speed measured by a gyro on a wheel."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
@@ -13,6 +14,8 @@ from hubodo.gap.state.measured_speed import (
     compute_speed_error,
     correct_measured_speed,
 )
+from hubodo.gap.state.state import State
+from hubodo.gap.state.terms import ModelTerm
 
 
 def test_a_gyro_without_errors_needs_no_speed_correction(problem):
@@ -55,3 +58,17 @@ def test_the_speed_of_two_gyros_is_corrected_for_a_clock_that_is_late_by_a_fifth
     first_order = measured + 0.5 * errors["left"].correction
     assert np.abs(first_order - speed(t))[inside].max() > 0.03
     assert np.abs(corrected - speed(t))[inside].max() < 0.005
+
+
+def test_an_error_faster_than_the_band_of_the_speed_is_not_in_it_and_needs_no_correction(problem):
+    """The speed was smoothed to the band of motion; the rate of an eccentric wheel changes once per turn."""
+    eccentricity = ModelTerm(BY_NAME["wheel_eccentricity"](amplitude=0.002), "left")
+
+    def rms(cutoff):
+        speed = replace(problem.inputs.speed, cutoff=cutoff)
+        inputs = replace(problem.inputs, speed=speed)
+        state = State(replace(problem, inputs=inputs, speed_sources=("left", "right")), (eccentricity,))
+        return np.sqrt(np.mean(state.speed_correction.speed**2))
+
+    print(rms(np.inf), rms(0.05))
+    assert rms(0.05) < 0.05 * rms(np.inf)
