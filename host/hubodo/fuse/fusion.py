@@ -19,6 +19,7 @@ from hubodo.fuse.graph.result import GraphResult
 from hubodo.fuse.graph.review import MIN_USED_WEIGHT
 from hubodo.fuse.track import Score, Track, find_gnss_outages, score_track
 from hubodo.fuse.wheel_odometry import Method, WheelOdometry, compute_wheel_odometry, read_start_heading
+from hubodo.garbage_collection import rare_garbage_collection
 from hubodo.log.units import check_units
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import Vehicle
@@ -39,6 +40,7 @@ _TRUTH_HEADING_SIGMA = 2e-3
 """rad; a reference system with two antennas or a survey of the start."""
 
 
+@rare_garbage_collection()
 def fuse_recording(
     recording: Recording,
     vehicle: Vehicle,

@@ -207,7 +207,15 @@ class ChannelDecoder:
             nanoseconds = _gather_field(messages.data, starts, dtype, "header.stamp.nanosec").astype(np.int64)
             stated = seconds * NS_PER_S + nanoseconds
             stamps = np.where(stated == 0, stamps, stated)
-        self._runs.append(_DecodedRun(headers, stamps, values, order))
+        marks = np.stack(
+            [
+                headers["sequence"].astype(np.int64),
+                headers["log_time"].astype(np.int64),
+                headers["publish_time"].astype(np.int64),
+                stamps,
+            ]
+        )
+        self._runs.append(_DecodedRun(marks, values, order))
 
     def rows(self) -> ChannelRows:
         """Return all decoded messages; those with other array shapes than the first count as undecodable."""
@@ -217,13 +225,14 @@ class ChannelDecoder:
         shapes = [{name: values.shape[1:] for name, values in part.values.items()} for part in self._runs]
         parts = [part for part, shape in zip(self._runs, shapes, strict=True) if shape == shapes[0]]
         parts = _sort_runs(parts)
-        headers = np.concatenate([part.headers for part in parts])
-        n_other_shape = sum(len(part.headers) for part in self._runs) - len(headers)
+        marks = np.concatenate([part.marks for part in parts], axis=1)
+        n_other_shape = sum(len(part.order) for part in self._runs) - marks.shape[1]
+        sequence, log_ns, publish_ns, stamp_ns = marks
         return ChannelRows(
-            headers["sequence"].astype(np.int64),
-            headers["log_time"].astype(np.int64),
-            headers["publish_time"].astype(np.int64),
-            np.concatenate([part.stamps for part in parts]),
+            sequence,
+            log_ns,
+            publish_ns,
+            stamp_ns,
             {name: np.concatenate([part.values[name] for part in parts]) for name in self._fields},
             self.undecodable + n_other_shape,
             self.label,
@@ -256,8 +265,9 @@ def header_stamps(
 
 
 class _DecodedRun(NamedTuple):
-    headers: NDArray[np.void]
-    stamps: NDArray[np.int64]
+    """Messages of one size. marks: (4, n), sequence, log time, publish time and stamp."""
+
+    marks: NDArray[np.int64]
     values: dict[str, NDArray[np.float64]]
     order: NDArray[np.intp]
 
@@ -269,11 +279,8 @@ def _sort_runs(parts: list[_DecodedRun]) -> list[_DecodedRun]:
     order = np.concatenate([part.order for part in parts])
     rank = np.argsort(order)
     values = {name: np.concatenate([part.values[name] for part in parts])[rank] for name in parts[0].values}
-    headers, stamps = (
-        np.concatenate([part.headers for part in parts])[rank],
-        np.concatenate([part.stamps for part in parts])[rank],
-    )
-    return [_DecodedRun(headers, stamps, values, order[rank])]
+    marks = np.concatenate([part.marks for part in parts], axis=1)[:, rank]
+    return [_DecodedRun(marks, values, order[rank])]
 
 
 def _gather_field(

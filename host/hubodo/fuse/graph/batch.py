@@ -162,7 +162,8 @@ def _adapt_noise(
     if np.abs(np.log(factors)).max() < _MIN_LOG_NOISE_CHANGE:
         return config, drive, solution
     noise = replace(config.noise, sigma_factors=(float(factors[0]), float(factors[1]), float(factors[2])))
-    drive = build_graph(path, samples, replace(search_config, noise=noise), solution)
+    adapted_config = replace(search_config, noise=noise)
+    drive = build_graph(path, samples, adapted_config, solution, drive.heading_observable)
     return replace(config, noise=noise), drive, solve_graph(drive.graph, solution.poses, solution.constants)
 
 

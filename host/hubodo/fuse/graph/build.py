@@ -37,12 +37,14 @@ def build_graph(
     samples: Sequence[SensorSamples],
     config: GraphConfig,
     solution: Solution | None = None,
+    heading_observable: bool | None = None,
 ) -> DriveGraph:
     """Build the graph of a drive from its odometry and the samples measured along it.
 
     It has a pose at each time that the samples ask for, at both ends of the odometry and of its outages, and
     further poses at most `max_pose_spacing` apart except in outages. solution: solution of a graph with the
-    same poses, used in place of an initial guess.
+    same poses, used in place of an initial guess. heading_observable: that of a graph with the same samples,
+    where known; no initial guess is then needed.
     """
     times = np.concatenate([path.t[:0], *(sensor.pose_times for sensor in samples)])
     times = times[(times >= path.t[0]) & (times <= path.t[-1])]
@@ -52,9 +54,11 @@ def build_graph(
     factors = [factor for sensor in samples if (factor := sensor.build_factors(odometry, config)) is not None]
     fixes = next((sensor for sensor in samples if isinstance(sensor, LocalFixes)), None)
     headings = next((factor for factor in factors if isinstance(factor, HeadingFactors)), None)
-    poses, heading_observable = _guess_poses(odometry, fixes, headings, config)
-    if solution is not None:
+    if solution is not None and heading_observable is not None:
         poses = solution.poses
+    else:
+        poses, heading_observable = _guess_poses(odometry, fixes, headings, config)
+        poses = poses if solution is None else solution.poses
     start = PosePriorFactors(np.zeros(1, np.intp), *_start_prior(poses[0], fixes is not None, config))
     graph = FactorGraph(
         (*factors, BetweenFactors.from_steps(odometry.steps), start, build_constants_prior(config))

@@ -40,6 +40,9 @@ from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, WINDOWS_PER_SECOND,
 _MIN_ROLLING_START_SPEED = GATE_SIGMA * SPEED.prior
 """m/s; a first window that is faster is not a start from standstill."""
 
+_NO_COVARIANCE = np.empty((0, 0))
+"""Covariance of the poses of a pass whose smoothing computes it."""
+
 
 class FilterCore(OutageProcessor):
     """State of the wheel filter and its steps.
@@ -178,18 +181,20 @@ class FilterCore(OutageProcessor):
     def _end_step(self, number: int, motion_state: MotionState, nis: float, dof: int) -> Pose:
         """Return the pose at the end of window `number`, after recording the terms of its step."""
         inflation = self._heading_inflation.covariance
-        if self.changes is not None:
-            self.newest_terms = SmoothingTerms(self.changes, self.p.take(self._pose_rows, axis=0), inflation)
-            self.changes = []
-        end = (number + 1) * WINDOW_S
-        covariance = self.p.take(self._pose_elements)
         x, y, heading, speed, yaw_rate = self._pick_pose(self.x)
         if not self.inertial_speed:
             self.max_speed = max(self.max_speed, abs(speed))
-        covariance += inflation
-        if self.common_scale_sigma:
-            origin_x, origin_y = self._scale_origin
-            covariance += common_scale_covariance(self.common_scale_sigma, x - origin_x, y - origin_y, speed)
+        covariance = _NO_COVARIANCE
+        if self.changes is None:
+            covariance = self.p.take(self._pose_elements)
+            covariance += inflation
+            if self.common_scale_sigma:
+                offset = x - self._scale_origin[0], y - self._scale_origin[1]
+                covariance += common_scale_covariance(self.common_scale_sigma, *offset, speed)
+        else:
+            self.newest_terms = SmoothingTerms(self.changes, self.p.take(self._pose_rows, axis=0), inflation)
+            self.changes = []
+        end = (number + 1) * WINDOW_S
         return Pose(
             end, x, y, heading, speed, yaw_rate, covariance, motion_state, nis, dof, self.inertial_speed
         )

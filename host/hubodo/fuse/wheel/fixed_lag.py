@@ -92,12 +92,12 @@ def smooth_with_lag(
 
     alignment_windows: as in the first pass. slips, outage_ends: results of the first pass.
     """
-    core = FilterCore(config, slips, outage_ends, smoothing=True)
+    core = FilterCore(config, slips, outage_ends, smoothing=lag > 0)
     smoother = FixedLagSmoother(lag, core.pose_columns)
     core.align([step.windows for step in steps if not step.realign])
     poses = []
     for step in steps:
         pose = core.step(step, alignment_windows)
-        smoothed = smoother.add(pose, core.newest_terms)
+        smoothed = smoother.add(pose, core.newest_terms) if lag else pose
         poses += [] if smoothed is None else [smoothed]
     return poses + smoother.finish()

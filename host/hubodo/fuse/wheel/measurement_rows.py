@@ -43,6 +43,7 @@ class MeasurementRows:
         # `struct` copies a list of floats into an array in half the time of numpy.
         self._pack = struct.Struct(f"{len(places)}d").pack_into
         self._values = np.empty(len(places))
+        self._buffer = self._values.data
 
     def row_of(self, measurement: Measurement, wheel: int) -> int:
         """Return the row of a measurement of a wheel.
@@ -69,6 +70,6 @@ class MeasurementRows:
 
         The arrays hold all wheels; they are overwritten by the next call.
         """
-        self._pack(self._values.data, 0, *values)
+        self._pack(self._buffer, 0, *values)
         self._table[self._places] = self._values
         return self._jacobian, self._residuals, self._variances

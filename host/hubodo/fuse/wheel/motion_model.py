@@ -70,9 +70,12 @@ class MotionModel:
         # `struct` copies a list of floats into an array in half the time of numpy.
         self._pack = struct.Struct(f"{len(self._variable_elements)}d").pack_into
         self._values = np.empty(len(self._variable_elements))
+        self._buffer, self._flat_rows = self._values.data, self._rows.ravel()
+        self._propagated = range(self._count)
         self._columns = layout.vehicle
         # The process noise of x and y depends on the distance; it is set for each window.
         self._walk = initial.walk_variances * WINDOW_S
+        self._angle_walk = float(self._walk[layout.wheels[0][WHEEL_ANGLE]])
         self._lateral_slip = config.noise.lateral_slip**2
         self._decays = [math.exp(-WINDOW_S / entry.correlation_time) for entry in gauss_markov]
         self._decaying = list(
@@ -103,8 +106,8 @@ class MotionModel:
         for wheel, window in windows:
             values += _turn_wheel(x, wheel, window, yaw_rate)
         rows, count = self._rows, self._count
-        self._pack(self._values.data, 0, *values)
-        rows.ravel()[self._variable_elements] = self._values
+        self._pack(self._buffer, 0, *values)
+        self._flat_rows[self._variable_elements] = self._values
         new_rows = rows.dot(p)
         p[:count] = new_rows
         p[:, :count] = new_rows.T
@@ -112,20 +115,23 @@ class MotionModel:
         # Lateral slip moves the vehicle across its heading.
         slip_variance = self._lateral_slip * abs(chord)
         self._walk[at_x], self._walk[at_y] = slip_variance * sin * sin, slip_variance * cos * cos
-        p[at_x, at_y] -= slip_variance * sin * cos
-        p[at_y, at_x] -= slip_variance * sin * cos
+        covariance = slip_variance * sin * cos
+        p[at_x, at_y] = p.item(at_x, at_y) - covariance
+        p[at_y, at_x] = p.item(at_y, at_x) - covariance
         diagonal = p.ravel()[:: len(x) + 1]
         diagonal += self._walk
         for wheel, window in windows:
             angle = wheel.columns[WHEEL_ANGLE]
-            p[angle, angle] += max(0.0, wheel.standstill.noise * t * t - self._walk[angle])
+            excess = wheel.standstill.noise * t * t - self._angle_walk
+            if excess > 0.0:
+                p[angle, angle] += excess
             if window.missing > 0.0:
                 rate_sigma = _FOLLOWED_RATE_SIGMA if window is EMPTY_WINDOW else 1.0
                 p[angle, angle] += (rate_sigma * window.missing * t) ** 2
 
     def transition(self) -> StateTransition:
         """Return the last propagation as a change of the states."""
-        return StateTransition(range(self._count), self._nonzero, self._rows.take(self._nonzero))
+        return StateTransition(self._propagated, self._nonzero, self._flat_rows.take(self._nonzero))
 
 
 def _turn_wheel(x: list[float], wheel: Wheel, window: Window, yaw_rate: float) -> tuple[float, ...]:

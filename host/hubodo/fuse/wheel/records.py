@@ -51,7 +51,7 @@ class Pose(NamedTuple):
     t : s.
     x, y, heading : m, m, rad; the heading is unwrapped.
     speed, yaw_rate : m/s and rad/s, means over the window.
-    covariance : (5, 5) of x, y, heading, speed, yaw_rate.
+    covariance : (5, 5) of x, y, heading, speed, yaw_rate; (0, 0) until smoothing has computed it.
     motion_state : moving, rocking or standstill.
     nis, dof : normalised innovation squared of the step and its degrees of freedom.
     inertial_speed : True if no wheel but only accelerometers measured the speed.

@@ -186,19 +186,19 @@ class SlipDetector:
         self._totals = residual, variance, common_sigma
         onset, largest, sums = None, _SLIP_SIGMA**2, self._sums
         for length, span in _SUM_SPANS[: bisect_right(SUM_LENGTHS_WINDOWS, len(sums))]:
-            start = sums[-length]
-            slip = residual - start.residual - span * start.slope
+            first, start_residual, start_variance, start_common_sigma, start_slope = sums[-length]
+            slip = residual - start_residual - span * start_slope
             # Early exit: most sums are far below the threshold.
             if -_MIN_SLIP_SPEED <= slip <= _MIN_SLIP_SPEED:
                 continue
             correlated = (
-                (common_sigma - start.common_sigma) ** 2
+                (common_sigma - start_common_sigma) ** 2
                 + (_RESIDUAL_DRIFT * span) ** 2
                 + (ripple * span) ** 2
             )
-            ratio = slip * slip / (variance - start.variance + correlated)
+            ratio = slip * slip / (variance - start_variance + correlated)
             if ratio > largest:
-                onset, largest = start.number, ratio
+                onset, largest = first, ratio
         return onset
 
     def start_slip(self, number: int) -> None:

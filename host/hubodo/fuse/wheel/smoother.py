@@ -13,14 +13,12 @@ covariance is inverted, and of each P_k only the rows of the pose are needed.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from operator import add
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hubodo.arrays import Array
 from hubodo.fuse.wheel.filter_core import FilterCore
 from hubodo.fuse.wheel.records import (
+    POSE_ENTRIES,
     MeasurementTerms,
     Pose,
     SmoothingTerms,
@@ -33,15 +31,25 @@ def smooth_whole_log(
     poses: Sequence[Pose], terms: list[SmoothingTerms], pose_columns: Sequence[int]
 ) -> list[Pose]:
     """Return all poses, each from the whole log; empties `terms`, which hold most of the memory of a run."""
-    n_states = terms[0].pose_rows.shape[1]
+    n_states, size = terms[0].pose_rows.shape[1], len(POSE_ENTRIES)
     later, columns = LaterInformation(n_states), np.array(pose_columns)
-    smoothed = []
-    for pose in reversed(poses):
+    means = np.array([pose[1 : 1 + size] for pose in poses])
+    covariances, inflations = np.empty((2, len(poses), size, size))
+    for number in range(len(poses) - 1, -1, -1):
         step = terms.pop()
-        smoothed.append(later.smooth(pose, step, columns))
+        rows = step.pose_rows
+        means[number] += rows.dot(later.vector)
+        np.subtract(rows.take(columns, 1), rows.dot(later.matrix).dot(rows.T), covariances[number])
+        inflations[number] = step.heading_inflation
         for change in reversed(step.changes):
             later.step_back(change)
-    return smoothed[::-1]
+    covariances = 0.5 * (covariances + covariances.transpose(0, 2, 1))
+    covariances += inflations
+    smoothed = []
+    for pose, mean, covariance in zip(poses, means.tolist(), covariances, strict=True):
+        x, y, heading, speed, yaw_rate = mean
+        smoothed.append(Pose(pose.t, x, y, heading, speed, yaw_rate, covariance, *pose[7:]))
+    return smoothed
 
 
 def run_second_pass(
@@ -68,36 +76,26 @@ class LaterInformation:
 
     def step_back(self, change: StateChange) -> None:
         """Propagate the information to before a change of the states."""
+        vector, matrix = self.vector, self.matrix
         if isinstance(change, MeasurementTerms):
-            innovation, jacobian, gain_root = change
-            self.vector += (innovation - gain_root.dot(self.vector)).dot(jacobian)
-            by_gain = gain_root.dot(self.matrix)
+            innovation, rows, gain_root = change
+            vector += (innovation - gain_root.dot(vector)).dot(rows)
+            by_gain = gain_root.dot(matrix)
             added = by_gain.dot(gain_root.T)
             added.ravel()[:: len(added) + 1] += 1.0
-            half = 0.5 * added.dot(jacobian) - by_gain
-            self._add_symmetric(jacobian, half)
-            return
-        selected, rows = change.selection, change.rows(len(self.vector))
-        before, by_rows = np.array(self.vector[selected]), np.array(self.matrix[selected])
-        self.vector[selected] = 0.0
-        self.matrix[selected] = 0.0
-        self.matrix[:, selected] = 0.0
-        self.vector += before.dot(rows)
-        half = 0.5 * by_rows[:, selected].dot(rows)
-        by_rows[:, selected] = 0.0
-        half += by_rows
-        self._add_symmetric(rows, half)
-
-    def smooth(self, pose: Pose, terms: SmoothingTerms, pose_columns: NDArray[np.intp]) -> Pose:
-        """Return the pose at the end of a step with this information."""
-        rows = terms.pose_rows
-        x, y, heading, speed, yaw_rate = map(add, pose[1:6], rows.dot(self.vector).tolist())
-        covariance = rows.take(pose_columns, axis=1) - rows.dot(self.matrix).dot(rows.T)
-        covariance = 0.5 * (covariance + covariance.T)
-        covariance += terms.heading_inflation
-        return Pose(pose.t, x, y, heading, speed, yaw_rate, covariance, *pose[7:])
-
-    def _add_symmetric(self, rows: Array, other: Array) -> None:
-        """Add rows' other + other' rows to the matrix."""
-        product = rows.T.dot(other)
-        self.matrix += product + product.T
+            half = added.dot(rows)
+            half *= 0.5
+            half -= by_gain
+        else:
+            selected, rows = change.selection, change.rows(len(vector))
+            before, by_rows = vector[selected].copy(), matrix[selected].copy()
+            vector[selected] = 0.0
+            matrix[selected] = 0.0
+            matrix[:, selected] = 0.0
+            vector += before.dot(rows)
+            half = by_rows[:, selected].dot(rows)
+            half *= 0.5
+            by_rows[:, selected] = 0.0
+            half += by_rows
+        product = rows.T.dot(half)
+        matrix += product + product.T

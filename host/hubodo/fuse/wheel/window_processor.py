@@ -80,17 +80,24 @@ class WindowProcessor(StateVector):
         if result.terms is not None:
             self.record_change(result.terms)
         for wheel, window in windows:
-            self._update_with_fixed_terms(wheel)
-            if window.all_clipped and window.force_clipped == 0.0 and not wheel.spin_tracker.is_observed:
-                self._update_with_centripetal(wheel, window)
-            if window.gravity_angle is not None and wheel.angle_initialised:
-                wheel.view.linearise(self.x, window, is_stationary=False)
-                self.update_with_row(gravity_phase.measure(wheel.view, window.gravity_angle), wheel.columns)
-            if window.all_clipped and wheel.angle_initialised:
-                self.record_reset(reset_misaligned_angle(self.x, self.p, wheel, window))
+            if wheel.fixed_terms is not None:
+                self._update_with_fixed_terms(wheel)
+            if window.all_clipped:
+                self._update_with_gravity(wheel, window)
         if self._tests_track_width:
             self._test_track_width()
         return result
+
+    def _update_with_gravity(self, wheel: Wheel, window: Window) -> None:
+        """Update with centripetal force and gravity of a window whose gyro is clipped all the time."""
+        if window.force_clipped == 0.0 and not wheel.spin_tracker.is_observed:
+            self._update_with_centripetal(wheel, window)
+        if not wheel.angle_initialised:
+            return
+        if window.gravity_angle is not None:
+            wheel.view.linearise(self.x, window, is_stationary=False)
+            self.update_with_row(gravity_phase.measure(wheel.view, window.gravity_angle), wheel.columns)
+        self.record_reset(reset_misaligned_angle(self.x, self.p, wheel, window))
 
     def advance(self, windows: WheelWindows) -> None:
         """Propagate the states to the end of a processed window."""

@@ -137,6 +137,7 @@ class LinearisedWindow:
     rolling_rate : rad/s, rate at which the wheel rolls; rate_by_...: its derivatives (by RATE_BEYOND_RANGE:
     1).
     rotation : e^(iθ_m); carrier, rate_carrier, lever: terms of the window times it.
+    gyro_bias, tilt : rad/s, bias of gx + i gy; rad, share of the spin that leaks into it.
     across, force : rad and m/s, derotated, corrected for the node's errors.
     axle_rate_change : rad/s, change of the rate about the axle over the window.
     double_carrier : s, integral of e^(2iθ).
@@ -151,6 +152,7 @@ class LinearisedWindow:
             "axle_rate",
             "axle_rate_change",
             "force_noise",
+            "gyro_bias",
             "camber_cos",
             "camber_sin",
             "carrier",
@@ -164,6 +166,7 @@ class LinearisedWindow:
             "rolling_rate",
             "rotation",
             "rate_carrier",
+            "tilt",
             "window",
         ),
         *("x", "yaw_change", "yaw_change_step", "yaw_rate"),
@@ -207,18 +210,15 @@ class LinearisedWindow:
         )
         self.lever = lever = window.lever * turn
         # A node rotated by the small vector m reads Ω - m x Ω: gx contains -m_y and gy m_x times the spin.
-        self.across = (
-            window.across * turn - complex(bias_x, bias_y) * carrier - complex(-tilt_y, tilt_x) * rate_carrier
-        )
+        self.gyro_bias, self.tilt = gyro_bias, tilt = complex(bias_x, bias_y), complex(-tilt_y, tilt_x)
+        self.across = window.across * turn - gyro_bias * carrier - tilt * rate_carrier
         self.force = window.force * turn - complex(force_x, force_y) * carrier - complex(arm_x, arm_y) * lever
         self.axle_rate_change = window.rate_end - window.rate_start
 
     def update_yaw_change(self) -> None:
         """Measure the change of the yaw rate over the window from the rates across the axle at its edges."""
-        x, at, window = self.x, self.columns, self.window
+        window, bias, tilt = self.window, self.gyro_bias, self.tilt
         half = cmath.exp(0.5j * window.spin)
-        tilt = complex(-x[at[MISALIGNMENT_Y]], x[at[MISALIGNMENT_X]])
-        bias = complex(x[at[GYRO_BIAS_X]], x[at[GYRO_BIAS_Y]])
         own = (bias + tilt * window.rate_end) * half - (bias + tilt * window.rate_start) * half.conjugate()
         before, self.yaw_change = self.yaw_change, ((window.across_change - own) * self.rotation).real
         self.yaw_change_step = self.yaw_change - before

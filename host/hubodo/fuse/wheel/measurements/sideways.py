@@ -59,14 +59,8 @@ def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
     r, radius, about_axle = w.yaw_rate, w.geometry.radius, w.axle_rate
     leak = window.raw_force
     # Rates across the axle caused by the vehicle's turning alone, less bias and leaked spin.
-    spin, tilt = (
-        window.spin / WINDOW_S + x[columns[RATE_BEYOND_RANGE]],
-        complex(-x[columns[MISALIGNMENT_Y]], x[columns[MISALIGNMENT_X]]),
-    )
-    yawing = (
-        window.raw_across
-        - (complex(x[columns[GYRO_BIAS_X]], x[columns[GYRO_BIAS_Y]]) + tilt * spin) * WINDOW_S
-    )
+    spin, tilt = window.spin / WINDOW_S + x[columns[RATE_BEYOND_RANGE]], w.tilt
+    yawing = window.raw_across - (w.gyro_bias + tilt * spin) * WINDOW_S
     arm_x, arm_y = x[columns[LEVER_ARM_X]], x[columns[LEVER_ARM_Y]]
     sway, by_bias, by_tilt = 2.0 * spin * yawing, -2.0 * spin * WINDOW_S, 2.0 * spin * spin * WINDOW_S
     by_spin = 2.0 * yawing - 2.0 * spin * WINDOW_S * tilt
