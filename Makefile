@@ -79,6 +79,7 @@ accuracy: setup      ## accuracy over many seeded drives and records; about seve
 	$(BIN)/python tests/accuracy/warmup_temperature.py
 	$(BIN)/python tests/accuracy/north_found.py
 	$(BIN)/python tests/accuracy/north_methods.py
+	$(BIN)/python tests/accuracy/north_temperature.py
 	$(BIN)/python tests/accuracy/stated_inputs.py
 	$(BIN)/python tests/accuracy/heading_rests.py
 	$(BIN)/python tests/accuracy/odd_records.py

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -24,6 +24,7 @@ class Averages:
         cos, sin: (M,) means of cosine and sine of the sensing axis's angle.
         turned: (M,) rotation since the first stop as measured by the gyro, rad; zero if the table gave the
             angles.
+        temperature: (M,) mean temperatures, °C, or None.
     """
 
     start: Array
@@ -32,6 +33,7 @@ class Averages:
     cos: Array
     sin: Array
     turned: Array
+    temperature: Array | None = None
 
     def design_columns(self, scale: float) -> Array:
         """Return the (M, 5) columns cos, sin, their derivatives by the gyro's scale error, and y.
@@ -46,7 +48,8 @@ class Averages:
     def slice_rows(self, a: int, b: int) -> Averages:
         """Return the averages from index a to b - 1."""
         fields = (self.start, self.end, self.y, self.cos, self.sin, self.turned)
-        return Averages(*(values[a:b] for values in fields))
+        rows = Averages(*(values[a:b] for values in fields))
+        return rows if self.temperature is None else replace(rows, temperature=self.temperature[a:b])
 
 
 def average_spans(
@@ -56,10 +59,12 @@ def average_spans(
     spans: Sequence[tuple[int, int]],
     length: float,
     turned: Array | None = None,
+    temperature: Array | None = None,
 ) -> Averages:
     """Return averages over equal parts, about `length` s long, of each span of samples [i, j).
 
     t: (N,) s. y: (N,) rad/s. angle: (N,) of the sensing axis, rad. turned: (N,) rad as in `Averages`.
+    temperature: (N,) °C.
     Parts whose time stamps are closer than the sample rate allows are dropped: the computer received these
         samples late.
     """
@@ -75,7 +80,17 @@ def average_spans(
             if end - t[a] > _MIN_DURATION_SHARE * (b - a) * step:
                 angles = angle[a:b]
                 rotation = 0.0 if turned is None else turned[a]
+                degrees = 0.0 if temperature is None else temperature[a:b].mean()
                 rows.append(
-                    (t[a], end, y[a:b].mean(), np.cos(angles).mean(), np.sin(angles).mean(), rotation)
+                    (
+                        t[a],
+                        end,
+                        y[a:b].mean(),
+                        np.cos(angles).mean(),
+                        np.sin(angles).mean(),
+                        rotation,
+                        degrees,
+                    )
                 )
-    return Averages(*np.array(rows).reshape(-1, 6).T)
+    start, end, means, cos, sin, rotations, warmth = np.array(rows).reshape(-1, 7).T
+    return Averages(start, end, means, cos, sin, rotations, None if temperature is None else warmth)

@@ -37,6 +37,7 @@ class AxisRecord:
         mounting_angle: angle of the axis, anticlockwise from table zero, at table angle zero, rad.
         level_share: fraction of the horizontal Earth rate that the axis measures.
         vertical_rate: (N,) rate about the vertical, rad/s, to check the stops.
+        temperature: (N,) °C, or None.
     """
 
     t: Array
@@ -45,6 +46,7 @@ class AxisRecord:
     mounting_angle: float = 0.0
     level_share: float = 1.0
     vertical_rate: Array | None = None
+    temperature: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -101,8 +103,23 @@ def build_axis_record(
     warnings += describe_table_tilt(mount, node.t, motion)
     rate = node["g" + axis] - vertical_earth_rate(mount, latitude)
     return AxisRecord(
-        node.t, rate, motion, mount.mounting_angle, mount.level_share, mount.vertical_rate
+        node.t,
+        rate,
+        motion,
+        mount.mounting_angle,
+        mount.level_share,
+        mount.vertical_rate,
+        fill_temperature(node),
     ), warnings
+
+
+def fill_temperature(node: Table) -> Array | None:
+    """Return the temperature of each sample, °C, interpolated where it is unknown; None without a reading."""
+    values = node.columns.get("temperature")
+    known = np.zeros(0, bool) if values is None else np.isfinite(values)
+    if values is None or not known.any():
+        return None
+    return np.asarray(np.interp(node.t, node.t[known], values[known]))
 
 
 def _complete_rows(node: Table, axis: str, *, needs_all: bool) -> tuple[Table, int]:

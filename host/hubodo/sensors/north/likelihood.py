@@ -13,7 +13,7 @@ measured the table angles, the error of its scale factor is a further unknown wi
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -48,6 +48,7 @@ UNIFORM_AZIMUTH_SIGMA = float(np.pi / np.sqrt(3.0))
 """Sigma, rad, of an azimuth of which nothing is known."""
 _MIN_BEND_GAIN = 6.0
 """Gain of log likelihood per piece that justifies two more polynomial terms."""
+_MIN_WARMTH = 0.5  # °C, smallest range of the temperature that is considered
 _MIN_VIBRATION_GAIN = 8.0
 """Gain of log likelihood that justifies a vibration or quantisation term.
 
@@ -80,6 +81,7 @@ class EarthRatePosterior:
         azimuth, density: (G,) azimuths, rad, and their posterior density with the known norm.
         drift: most likely drift noise.
         order: order of the polynomial for bias, ramp and bend.
+        uses_temperature: True if the bias follows the temperature, with an unknown slope.
     """
 
     rate: Array
@@ -89,6 +91,7 @@ class EarthRatePosterior:
     density: Array
     drift: DriftNoise
     order: int
+    uses_temperature: bool = False
 
 
 def estimate_earth_rate(
@@ -104,8 +107,9 @@ def estimate_earth_rate(
     if not pieces:
         raise InputError("no part of any stop has time stamps that its samples can have; record it again")
     mean = float(np.mean(np.concatenate([p.end - p.start for p in pieces])))
-    order = _select_order(pieces, horizontal, mean)
-    freedom = sum(len(p.y) for p in pieces) - (order + 1) * len(pieces)
+    pieces, order = _select_trend(pieces, horizontal, mean)
+    uses_temperature = pieces[0].temperature is not None
+    freedom = sum(len(p.y) for p in pieces) - (order + 1 + uses_temperature) * len(pieces)
     max_turn = max(float(np.abs(p.turned).max()) for p in pieces)
     if drift is None:
         vibration = _select_vibration(pieces, horizontal, freedom, mean, order)
@@ -134,7 +138,9 @@ def estimate_earth_rate(
     rate, spread, angles = _rate_moments(likelihoods, weight, float(azimuth[density.argmax()]))
     term, ratios = likelihoods[best // len(grid)].terms[best % len(grid)], grid[best % len(grid)]
     best_drift = drift or _drift_from_ratios(term, ratios, freedom, mean)
-    return EarthRatePosterior(rate, spread, angles, azimuth, density / density.sum(), best_drift, order)
+    return EarthRatePosterior(
+        rate, spread, angles, azimuth, density / density.sum(), best_drift, order, uses_temperature
+    )
 
 
 def azimuth_cramer_rao_bound(
@@ -147,6 +153,8 @@ def azimuth_cramer_rao_bound(
     """
     drift = posterior.drift
     pieces = split_pieces(records)
+    if not posterior.uses_temperature:
+        pieces = _without_temperature(pieces)
     mean = float(np.mean(np.concatenate([p.end - p.start for p in pieces])))
     (term,) = sufficient_statistics(pieces, [_noise_ratios(drift, mean)], mean, order=posterior.order)
     across = horizontal * np.array([-np.sin(azimuth), np.cos(azimuth)])
@@ -307,21 +315,33 @@ def _scale_to_record(
     return DriftNoise(factor * drift.n, factor * drift.b, factor * drift.k, factor * drift.q)
 
 
-def _select_order(pieces: Sequence[Averages], horizontal: float, mean: float) -> int:
-    """Return RAMP_ORDER, or BEND_ORDER if a curve explains significantly more than any drift.
+def _select_trend(pieces: Sequence[Averages], horizontal: float, mean: float) -> tuple[list[Averages], int]:
+    """Return the pieces, without temperatures that explain nothing, and RAMP_ORDER or BEND_ORDER.
 
-    Uses the unrestricted likelihood, because restricted likelihoods of different polynomials are not
-    comparable.
+    A curve, or the temperature, must explain significantly more than any drift. Uses the unrestricted
+    likelihood, because restricted likelihoods of different nuisances are not comparable.
     """
+    plain = _without_temperature(pieces)
+    ramp = _best_fit(plain, horizontal, mean, RAMP_ORDER)
+    is_warm = all(p.temperature is not None and np.ptp(p.temperature) > _MIN_WARMTH for p in pieces)
+    if is_warm and _best_fit(pieces, horizontal, mean, RAMP_ORDER) > ramp + _MIN_BEND_GAIN * len(pieces):
+        plain, ramp = list(pieces), _best_fit(pieces, horizontal, mean, RAMP_ORDER)
+    bend = _best_fit(plain, horizontal, mean, BEND_ORDER)
+    return plain, BEND_ORDER if bend > ramp + _MIN_BEND_GAIN * len(pieces) else RAMP_ORDER
+
+
+def _without_temperature(pieces: Sequence[Averages]) -> list[Averages]:
+    return [replace(piece, temperature=None) for piece in pieces]
+
+
+def _best_fit(pieces: Sequence[Averages], horizontal: float, mean: float, order: int) -> float:
+    """Return the largest log likelihood over drifts and azimuths, not restricted."""
     count = sum(len(p.y) for p in pieces)
     grid = [(f, w, 0.0) for f in _COARSE_FLICKER_RATIOS for w in WALK_RATIOS]
-    best = []
-    for order in (RAMP_ORDER, BEND_ORDER):
-        terms = sufficient_statistics(pieces, grid, mean, order=order)
-        likelihood = _ScaleLikelihood(terms, horizontal, count, None)
-        plain = np.array([0.5 * (term.logdet - term.unrestricted_logdet) for term in terms])
-        best.append(float((likelihood.log_density(_COARSE_AZIMUTHS) + plain[:, None]).max()))
-    return BEND_ORDER if best[1] > best[0] + _MIN_BEND_GAIN * len(pieces) else RAMP_ORDER
+    terms = sufficient_statistics(pieces, grid, mean, order=order)
+    likelihood = _ScaleLikelihood(terms, horizontal, count, None)
+    plain = np.array([0.5 * (term.logdet - term.unrestricted_logdet) for term in terms])
+    return float((likelihood.log_density(_COARSE_AZIMUTHS) + plain[:, None]).max())
 
 
 def _select_vibration(

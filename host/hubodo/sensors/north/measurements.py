@@ -98,7 +98,8 @@ def _measure_stops(record: AxisRecord, method: Method, settle: float | None) -> 
     for (i, j), stop_angle, rotation in zip(spans, stops.angle, stops.angle_from_first, strict=True):
         angle[i:j] = stop_angle
         turned[i:j] = rotation if stops.scale_sigma else 0.0
-    averages = average_spans(t, rate, angle, spans, stops.duration / len(stops) / parts, turned)
+    length = stops.duration / len(stops) / parts
+    averages = average_spans(t, rate, angle, spans, length, turned, record.temperature)
     if method == "east":
         rates, cross = _half_turn_rates(stops), np.zeros(0)
     else:

@@ -13,6 +13,7 @@ from hubodo.pages.page import PageTable, Section
 from hubodo.sensors.north.advice import describe_programmes
 from hubodo.sensors.north.circular import wrap_angle
 from hubodo.sensors.north.drift import DriftNoise
+from hubodo.sensors.north.estimates_figure import describe_estimates, estimates_figure
 from hubodo.sensors.north.north_estimate import NorthEstimate
 from hubodo.sensors.north.residuals import NorthResiduals, compute_residuals
 from hubodo.unit_systems import ANGLE, ANGLE_RANDOM_WALK, RATE, RATE_RANDOM_WALK, angle_text
@@ -49,6 +50,11 @@ def north_sections(result: NorthResult) -> list[Section]:
         sections += [
             Section(f"{name}: estimates", _bound_text(estimate), [table]),
             Section(f"{name}: fit", fit, [_record_table(estimate)], figures),
+            Section(
+                f"{name}: single estimates",
+                describe_estimates(estimate),
+                figures=[render_drawing(lambda estimate=estimate: estimates_figure(estimate))],  # type: ignore[misc]
+            ),
         ]
     return sections
 
@@ -202,6 +208,11 @@ def _fit_text(residuals: NorthResiduals) -> str:
     )
 
 
+def _describe_bias(estimate: NorthEstimate) -> str:
+    parts = ["constant", "ramp"] + (["bend"] if estimate.posterior.order > 1 else [])
+    return ", ".join([*parts, "follows the temperature"] if estimate.posterior.uses_temperature else parts)
+
+
 def _record_table(estimate: NorthEstimate) -> PageTable:
     drift = estimate.posterior.drift
     stops = sum(map(len, estimate.stops))
@@ -209,6 +220,7 @@ def _record_table(estimate: NorthEstimate) -> PageTable:
         ("method", estimate.method),
         ("measured", f"{estimate.duration:.0f} s in {estimate.elapsed:.0f} s"),
         ("stops", str(stops) if stops else "none, continuous turning"),
+        ("bias", _describe_bias(estimate)),
         *noise_rows(drift),
     ]
     if drift.q:

@@ -63,19 +63,22 @@ def sufficient_statistics(
 ) -> list[SufficientStatistics]:
     """Return the sufficient statistics, summed over the pieces, at each point of the grid.
 
+    Temperatures of the pieces, if present, are projected out like the polynomial.
+
     mean: mean interval, s. scale: scale error of the gyro at which angles are evaluated. order: order of the
     polynomial.
     """
     # Programmes repeat from record to record; with rounded times they share cached matrices.
     keys = [np.round(np.stack([p.start, p.end]) - p.start[0], 4).tobytes() for p in pieces]
     columns = [piece.design_columns(scale) for piece in pieces]
+    temperatures = [temperature_column(piece).tobytes() for piece in pieces]
     unit = round(mean, 4)
     results = []
     for ratios in grid:
         gram: Array = np.zeros((5, 5))
         logdet = unrestricted = 0.0
-        for key, data in zip(keys, columns, strict=True):
-            whitener, nuisance, restricted, full_logdet = _whitener(key, ratios, unit, order)
+        for key, data, warmth in zip(keys, columns, temperatures, strict=True):
+            whitener, nuisance, restricted, full_logdet = _whitener(key, ratios, unit, order, warmth)
             white = whitener @ data
             white = white - nuisance @ (nuisance.T @ white)
             gram, logdet, unrestricted = (
@@ -87,12 +90,23 @@ def sufficient_statistics(
     return results
 
 
+def temperature_column(piece: Averages) -> Array:
+    """Return the temperature of a piece about its mean, relative to its range, (M, 1); (M, 0) without."""
+    if piece.temperature is None:
+        return np.zeros((len(piece.y), 0))
+    change = piece.temperature - piece.temperature.mean()
+    return np.asarray(change[:, None] / max(float(np.ptp(change)), 1e-9))
+
+
 @lru_cache(maxsize=160)
-def _whitener(key: bytes, ratios: NoiseRatios, unit: float, order: int) -> tuple[Array, Array, float, float]:
+def _whitener(
+    key: bytes, ratios: NoiseRatios, unit: float, order: int, warmth: bytes
+) -> tuple[Array, Array, float, float]:
     """Return the inverse Cholesky factor (M, M), the whitened orthonormal polynomial and log determinants.
 
-    key: bytes of start and end, float64. The log determinants are those of the covariance in units of N² /
-    unit, restricted to the complement of the polynomial (M, order + 1), and unrestricted.
+    key: bytes of start and end, float64. warmth: bytes of `temperature_column`. The log determinants are
+    those of the covariance in units of N² / unit, restricted to the complement of polynomial and temperature,
+    and unrestricted.
     """
     start, end = np.frombuffer(key).reshape(2, -1)
     flicker_ratio, walk_ratio, quantisation_ratio = ratios
@@ -105,7 +119,8 @@ def _whitener(key: bytes, ratios: NoiseRatios, unit: float, order: int) -> tuple
     inverse = dtrtri(factor, lower=1)[0]
     middle = (start + end) / 2
     ramp = (middle - middle.mean()) / max(float(np.ptp(middle)), 1e-9)
-    polynomial, r = np.linalg.qr(inverse @ legvander(2 * ramp, order))
+    columns = np.column_stack([legvander(2 * ramp, order), np.frombuffer(warmth).reshape(len(middle), -1)])
+    polynomial, r = np.linalg.qr(inverse @ columns)
     full_logdet = 2 * float(np.log(np.diag(factor)).sum())
     restricted = full_logdet + 2 * float(np.log(np.abs(np.diag(r))).sum())
     return np.asarray(inverse), np.asarray(polynomial), restricted, full_logdet
