@@ -19,6 +19,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from imu_records import coverage, rms
 
 from generators.north_table import Sensor, maytag
+from hubodo.errors import HubodoError
 from hubodo.sensors.north.axis_record import AxisRecord
 from hubodo.sensors.north.north_estimate import find_north
 from hubodo.sensors.north.stops import TableMotion
@@ -65,10 +66,12 @@ def main():
     args = parser.parse_args()
     seeds = range(args.first, args.first + args.seeds)
     print(f"seeds {seeds[0]} to {seeds[-1]}")
-    print(f"{'':36s} {'thermometer':11s} {'coverage':>20s} {'error':>7s} {'sigma':>7s} {'bound':>7s} used")
+    print(
+        f"{'':36s} {'thermometer':11s} {'coverage':>20s} {'error':>7s} {'sigma':>7s} {'bound':>7s} used refused"
+    )
     for name, swing, slope in ROWS:
         rows = {True: [], False: []}
-        limits = []
+        limits, refused = [], {True: 0, False: 0}
         for seed in seeds:
             rng = np.random.default_rng([seed, round(slope), round(swing)])
             azimuth = rng.uniform(0.0, 2.0 * np.pi)
@@ -77,7 +80,11 @@ def main():
             motion = TableMotion(run.table_t, run.table_angle, run.table_moving)
             for with_it in rows:
                 axis = AxisRecord(run.t, run.rate, motion, temperature=temperature if with_it else None)
-                result = find_north([axis], LATITUDE, "maytag4", near=azimuth)
+                try:
+                    result = find_north([axis], LATITUDE, "maytag4", near=azimuth)
+                except HubodoError:
+                    refused[with_it] += 1
+                    continue
                 error = (result.azimuth - azimuth + np.pi) % (2.0 * np.pi) - np.pi
                 rows[with_it].append((error, result.sigma, result.posterior.uses_temperature))
         for with_it, values in rows.items():
@@ -85,7 +92,7 @@ def main():
             print(
                 f"{name:36s} {'yes' if with_it else 'no':11s} {coverage(error / sigma)} "
                 f"{np.degrees(rms(error)):7.2f} {np.degrees(rms(sigma)):7.2f} {np.degrees(rms(limits)):7.2f} "
-                f"{int(used.sum()):4d}",
+                f"{int(used.sum()):4d} {refused[with_it]:7d}",
                 flush=True,
             )
 
