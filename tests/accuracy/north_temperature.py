@@ -66,9 +66,8 @@ def main():
     args = parser.parse_args()
     seeds = range(args.first, args.first + args.seeds)
     print(f"seeds {seeds[0]} to {seeds[-1]}")
-    print(
-        f"{'':36s} {'thermometer':11s} {'coverage':>20s} {'error':>7s} {'sigma':>7s} {'bound':>7s} used refused"
-    )
+    head = f"{'error':>7s} {'sigma':>7s} {'bound':>7s} used refused"
+    print(f"{'':36s} {'thermometer':11s} {'coverage':>20s} {head}")
     for name, swing, slope in ROWS:
         rows = {True: [], False: []}
         limits, refused = [], {True: 0, False: 0}

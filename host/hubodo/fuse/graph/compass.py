@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.fuse.graph.build import build_graph
+from hubodo.fuse.graph.compass_noise import low_frequency_sigma
 from hubodo.fuse.graph.config import GraphConfig
 from hubodo.fuse.graph.disturbed_field import DisturbedSpan, find_disturbed_span
 from hubodo.fuse.graph.factors.between import BetweenFactors
@@ -41,8 +42,6 @@ _MAX_DISTURBED_SPANS = 3
 """Spans of a disturbed field that are left out; more are many short ones, left to the robust loss."""
 _MAX_DISTURBED_SHARE = 0.42
 """Share of the headings of one span, or of all left out, above which nothing says which part is disturbed."""
-_MIN_CORRELATION_SIGMAS = 2.0
-"""Sigmas of chance up to which the autocorrelation of residuals is summed."""
 _MIN_HEADINGS = 10
 """Poses with a heading; fewer do not show iron or their own scatter."""
 _MIN_USED_SHARE = 0.5
@@ -108,8 +107,8 @@ def assess_compass(path: Track, headings: Headings, config: GraphConfig) -> Comp
     assert factors is not None
     outliers = factors.pose_index[~_is_used(residual)]
     undisturbed = _drop_disturbed(widened, drive.odometry.pose_t[outliers])
-    used = residual[_is_used(residual)]
-    growth = max(1.0, math.sqrt(float(np.mean(used**2)) * _count_correlated(used)))
+    noise = low_frequency_sigma(drive, solution, replace(config, constants=wide), _is_used(residual))
+    growth = max(1.0, noise / float(np.median(factors.sigma)))
     grown = replace(undisturbed, sigma=np.asarray(undisturbed.sigma) * growth)
     drive, solution, _ = _solve(path, grown, replace(config, constants=wide))
     solution = solve_graph(drive.graph, solution.poses, solution.constants, "constants")
@@ -208,21 +207,6 @@ def _describe_spans(spans: Sequence[DisturbedSpan]) -> tuple[str, ...]:
     if not spans:
         return ()
     return (f"compass: a field beside the road turned the headings, {', '.join(times)}; they are left out",)
-
-
-def _count_correlated(residual: Array) -> float:
-    """Return how many successive residuals count as one independent error.
-
-    The variance of a mean of n correlated errors is that of independent ones times 1 + 2 sum of the
-    autocorrelations (Geyer 1992).
-    """
-    variance, count = float(np.mean(residual**2)), 1.0
-    for lag in range(1, len(residual) // 4):
-        correlation = float(np.mean(residual[lag:] * residual[:-lag])) / variance
-        if correlation < _MIN_CORRELATION_SIGMAS / math.sqrt(len(residual)):
-            break
-        count += 2.0 * correlation
-    return count
 
 
 def _find_contradiction(drive: DriveGraph, solution: Solution, sigmas: ConstantSigmas) -> str:

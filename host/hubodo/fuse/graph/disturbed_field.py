@@ -74,7 +74,7 @@ def find_disturbed_span(drive: DriveGraph, solution: Solution, config: GraphConf
     between = drive.graph.find_group(BetweenFactors)
     if factors is None or between is None:
         return None
-    deviation, drift, by_span = _deviations(drive, solution, config, factors, between)
+    deviation, drift, by_span = compute_deviations(drive, solution, config, factors, between)
     pose_t = drive.odometry.pose_t[factors.pose_index]
     n = len(deviation)
     size = math.ceil(n / _MAX_BINS)
@@ -104,7 +104,7 @@ def find_disturbed_span(drive: DriveGraph, solution: Solution, config: GraphConf
     )
 
 
-def _deviations(
+def compute_deviations(
     drive: DriveGraph,
     solution: Solution,
     config: GraphConfig,
