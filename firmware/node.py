@@ -86,7 +86,7 @@ class Node:
             try:
                 self.sampler.step(now)
             except OSError as error:
-                self.parts.bus_error(error, ticks_us())
+                self.parts.handle_bus_error(error, ticks_us())
         if self.outbox.count:
             self.link.send(self.outbox)
         if self.link.receive():

@@ -84,7 +84,7 @@ class Parts:
         self._check_us = ticks_add(now, _SILENT_LEAST_US)
         self._sampler.start(now, chip, self.batch, lost)
 
-    def bus_error(self, error, now):
+    def handle_bus_error(self, error, now):
         """Handle a failed transfer: retry, or recover the bus after three in a row."""
         self.i2c_errors += 1
         self.failures += 1

@@ -45,7 +45,7 @@ def config(
 
 
 def sample_columns(drive: wheel_drives.WheelDrive) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Return times, gyro and accelerometer samples of each node, as `WheelFilter.handle_many` takes them."""
+    """Return times, gyro and accelerometer samples of each node, for `WheelFilter.handle_blocks`."""
     return {name: (node.t, node.gyro, node.accel) for name, node in drive.nodes.items()}
 
 

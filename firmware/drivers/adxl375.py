@@ -8,7 +8,7 @@ for _ in range(chip.level()):
 
 from micropython import const
 
-from drivers.chip import Chip, setting
+from drivers.chip import Chip, find_setting
 
 _DEVID = const(0x00)
 _BW_RATE = const(0x2C)
@@ -38,7 +38,7 @@ class ADXL375(Chip):
     WHO_AM_I = (0xE5,)
 
     def __init__(self, i2c, address=0x53, *, odr_hz=400):
-        self.rate_hz, rate_code = setting(self.RATES_HZ, odr_hz)
+        self.rate_hz, rate_code = find_setting(self.RATES_HZ, odr_hz)
         super().__init__(i2c, address)
         self._standing = (
             (_BW_RATE, rate_code),

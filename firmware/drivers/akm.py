@@ -12,7 +12,7 @@ import time
 
 from micropython import const
 
-from drivers.chip import Chip, setting
+from drivers.chip import Chip, find_setting
 
 _NEW = const(0x01)
 _OVERFLOW = const(0x08)
@@ -41,8 +41,8 @@ class AK09916(Chip):
     """Axis of the chip, and sign, of each axis of gyro and accelerometer."""
 
     def __init__(self, i2c, address=0x0C, *, odr_hz=10, range_gauss=49):
-        self.rate_hz, mode = setting(self.RATES_HZ, odr_hz)
-        self.range_gauss, self.lsb_ft = setting(self.RANGES_GAUSS, range_gauss)
+        self.rate_hz, mode = find_setting(self.RATES_HZ, odr_hz)
+        self.range_gauss, self.lsb_ft = find_setting(self.RANGES_GAUSS, range_gauss)
         super().__init__(i2c, address)
         self._settings = ((self.MODE, mode),)
         self._standing = ((self.WHO_AM_I_REGISTER, self.who_am_i),) + self._settings

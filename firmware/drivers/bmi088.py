@@ -14,7 +14,7 @@ from time import ticks_add, ticks_diff, ticks_us
 
 from micropython import const
 
-from drivers.chip import Chip, read_register, setting
+from drivers.chip import Chip, find_setting, read_register
 
 _CHIP_ID = const(0x00)
 _SOFT_RESET = const(0xB6)
@@ -128,9 +128,9 @@ class BMI088(Chip):
         return super().probe(i2c, address) if accel in _Accelerometer.WHO_AM_I else -1
 
     def __init__(self, i2c, address=0x68, *, odr_hz=200, range_dps=2000, range_g=24, fifo=False, wake_mg=0):
-        odr, self.rate_mhz, odr_code, accel_odr_code, self._accel_us = setting(self.RATES_HZ, odr_hz)
-        self.range_dps, self.gyro_lsb_ndps, gyro_code = setting(self.RANGES_DPS, range_dps)
-        self.range_g, self.accel_lsb_ng, accel_code = setting(self.RANGES_G, range_g)
+        odr, self.rate_mhz, odr_code, accel_odr_code, self._accel_us = find_setting(self.RATES_HZ, odr_hz)
+        self.range_dps, self.gyro_lsb_ndps, gyro_code = find_setting(self.RANGES_DPS, range_dps)
+        self.range_g, self.accel_lsb_ng, accel_code = find_setting(self.RANGES_G, range_g)
         self.temperature_lsb_udegc = 125000
         self.temperature_offset_udegc = 23000000
         super().__init__(i2c, address)

@@ -14,7 +14,7 @@ import time
 
 from micropython import const
 
-from drivers.chip import Chip, setting
+from drivers.chip import Chip, find_setting
 
 CONFIGURATION = "/bmi270.bin"
 
@@ -86,9 +86,9 @@ class BMI270(Chip):
     WHO_AM_I = (0x24,)
 
     def __init__(self, i2c, address=0x68, *, odr_hz=200, range_dps=2000, range_g=16, fifo=False, wake_mg=0):
-        odr, self.rate_mhz, odr_code = setting(self.RATES_HZ, odr_hz)
-        self.range_dps, self.gyro_lsb_ndps, gyro_code = setting(self.RANGES_DPS, range_dps)
-        self.range_g, self.accel_lsb_ng, accel_code = setting(self.RANGES_G, range_g)
+        odr, self.rate_mhz, odr_code = find_setting(self.RATES_HZ, odr_hz)
+        self.range_dps, self.gyro_lsb_ndps, gyro_code = find_setting(self.RANGES_DPS, range_dps)
+        self.range_g, self.accel_lsb_ng, accel_code = find_setting(self.RANGES_G, range_g)
         # 512 steps per °C.
         self.temperature_lsb_udegc = 1953
         self.temperature_offset_udegc = 23000000

@@ -14,7 +14,7 @@ def nearest(table, wanted):
     return best
 
 
-def setting(table, value):
+def find_setting(table, value):
     """Return the row that begins with `value`. Raises ValueError where there is none."""
     row = nearest(table, value)
     if row[0] != value:

@@ -13,7 +13,7 @@ cycled.
 
 from micropython import const
 
-from drivers.chip import Chip, setting
+from drivers.chip import Chip, find_setting
 
 # Bank 0.
 _WHO_AM_I = const(0x00)
@@ -82,9 +82,9 @@ class ICM20948(Chip):
     WHO_AM_I = (0xEA,)
 
     def __init__(self, i2c, address=0x68, *, odr_hz=225, range_dps=2000, range_g=16, fifo=False, wake_mg=0):
-        odr, self.rate_mhz, divider, gyro_pass, accel_pass = setting(self.RATES_HZ, odr_hz)
-        self.range_dps, self.gyro_lsb_ndps, gyro_code = setting(self.RANGES_DPS, range_dps)
-        self.range_g, self.accel_lsb_ng, accel_code = setting(self.RANGES_G, range_g)
+        odr, self.rate_mhz, divider, gyro_pass, accel_pass = find_setting(self.RATES_HZ, odr_hz)
+        self.range_dps, self.gyro_lsb_ndps, gyro_code = find_setting(self.RANGES_DPS, range_dps)
+        self.range_g, self.accel_lsb_ng, accel_code = find_setting(self.RANGES_G, range_g)
         # 333.87 steps per °C.
         self.temperature_lsb_udegc = 2995
         self.temperature_offset_udegc = 21000000

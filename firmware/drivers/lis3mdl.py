@@ -10,7 +10,7 @@ from buffers import shared
 from micropython import const
 from wire import PART_LIS3MDL
 
-from drivers.chip import Chip, setting
+from drivers.chip import Chip, find_setting
 
 _CTRL1 = const(0x20)
 _CTRL2 = const(0x21)
@@ -38,8 +38,8 @@ class LIS3MDL(Chip):
     WHO_AM_I = (0x3D,)
 
     def __init__(self, i2c, address=0x1E, *, odr_hz=10, range_gauss=4):
-        self.rate_hz, rate_code = setting(self.RATES_HZ, odr_hz)
-        self.range_gauss, self.lsb_ft, range_code = setting(self.RANGES_GAUSS, range_gauss)
+        self.rate_hz, rate_code = find_setting(self.RATES_HZ, odr_hz)
+        self.range_gauss, self.lsb_ft, range_code = find_setting(self.RANGES_GAUSS, range_gauss)
         super().__init__(i2c, address)
         self._settings = self._standing = (
             (_CTRL1, _HIGH_PERFORMANCE_XY | rate_code),

@@ -9,7 +9,7 @@ if chip.read_into(words, 0):
 from micropython import const
 from wire import PART_LSM6DS33
 
-from drivers.chip import setting
+from drivers.chip import find_setting
 from drivers.st_imu import StImu
 
 _FIFO_CTRL3 = const(0x08)
@@ -78,9 +78,9 @@ class LSM6DS33(StImu):
     def __init__(
         self, i2c, address=0x6B, *, odr_hz=208, range_dps=2000, range_g=16, fifo=False, wake_mg=0, settings=()
     ):
-        odr, self.rate_mhz, odr_code = setting(self.RATES_HZ, odr_hz)
-        self.range_dps, self.gyro_lsb_ndps, gyro_code = setting(self.RANGES_DPS, range_dps)
-        self.range_g, self.accel_lsb_ng, accel_code = setting(self.RANGES_G, range_g)
+        odr, self.rate_mhz, odr_code = find_setting(self.RATES_HZ, odr_hz)
+        self.range_dps, self.gyro_lsb_ndps, gyro_code = find_setting(self.RANGES_DPS, range_dps)
+        self.range_g, self.accel_lsb_ng, accel_code = find_setting(self.RANGES_G, range_g)
         self.temperature_lsb_udegc = 62500
         self.temperature_offset_udegc = 25000000
         super().__init__(i2c, address)

@@ -13,7 +13,7 @@ high-g triad of an LSM6DSV320X or LSM6DSV80X stays off; the range of 125 deg/s, 
 
 from micropython import const
 
-from drivers.chip import setting
+from drivers.chip import find_setting
 from drivers.st_tagged import TaggedImu
 
 _FIFO_CTRL3 = const(0x09)
@@ -88,9 +88,9 @@ class LSM6DSV(TaggedImu):
     def __init__(
         self, i2c, address=0x6B, *, odr_hz=240, range_dps=2000, range_g=16, fifo=False, wake_mg=0, settings=()
     ):
-        odr, rate_mhz, odr_code = setting(self.RATES_HZ, odr_hz)
-        self.range_dps, self.gyro_lsb_ndps, gyro_code = setting(self.RANGES_DPS, range_dps)
-        self.range_g, self.accel_lsb_ng, accel_code = setting(self.RANGES_G, range_g)
+        odr, rate_mhz, odr_code = find_setting(self.RATES_HZ, odr_hz)
+        self.range_dps, self.gyro_lsb_ndps, gyro_code = find_setting(self.RANGES_DPS, range_dps)
+        self.range_g, self.accel_lsb_ng, accel_code = find_setting(self.RANGES_G, range_g)
         super().__init__(i2c, address, rate_mhz, odr <= 480)
         if gyro_code == _FS_4000 and self.who_am_i == _LSM6DSV320X:
             gyro_code = _FS_4000_OF_320X

@@ -8,7 +8,7 @@ if chip.read_into(words, 0):
 
 from micropython import const
 
-from drivers.chip import Chip, setting
+from drivers.chip import Chip, find_setting
 
 _OUT = const(0x00)
 _STATUS = const(0x08)
@@ -40,8 +40,8 @@ class MMC5983MA(Chip):
     WHO_AM_I = (0x30,)
 
     def __init__(self, i2c, address=0x30, *, odr_hz=10, range_gauss=8):
-        self.rate_hz, rate_code, bandwidth_code = setting(self.RATES_HZ, odr_hz)
-        self.range_gauss, self.lsb_ft = setting(self.RANGES_GAUSS, range_gauss)
+        self.rate_hz, rate_code, bandwidth_code = find_setting(self.RATES_HZ, odr_hz)
+        self.range_gauss, self.lsb_ft = find_setting(self.RANGES_GAUSS, range_gauss)
         super().__init__(i2c, address)
         self._standing = ((self.WHO_AM_I_REGISTER, self.who_am_i),)
         self._settings = (

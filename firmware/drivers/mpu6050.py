@@ -9,7 +9,7 @@ if chip.read_into(words, 0):
 from micropython import const
 from wire import PART_MPU6050
 
-from drivers.chip import Chip, read_register, setting
+from drivers.chip import Chip, find_setting, read_register
 
 _SMPLRT_DIV = const(0x19)
 _CONFIG = const(0x1A)
@@ -94,9 +94,9 @@ class MPU6050(Chip):
         return who_am_i if read_register(i2c, address, _PWR_MGMT_1) in _PWR_MGMT_1_VALUES else -1
 
     def __init__(self, i2c, address=0x68, *, odr_hz=200, range_dps=2000, range_g=16, fifo=False, wake_mg=0):
-        odr, self.rate_mhz, divider, low_pass = setting(self.RATES_HZ, odr_hz)
-        self.range_dps, self.gyro_lsb_ndps, gyro_code = setting(self.RANGES_DPS, range_dps)
-        self.range_g, self.accel_lsb_ng, accel_code = setting(self.RANGES_G, range_g)
+        odr, self.rate_mhz, divider, low_pass = find_setting(self.RATES_HZ, odr_hz)
+        self.range_dps, self.gyro_lsb_ndps, gyro_code = find_setting(self.RANGES_DPS, range_dps)
+        self.range_g, self.accel_lsb_ng, accel_code = find_setting(self.RANGES_G, range_g)
         super().__init__(i2c, address)
         self.uses_fifo = fifo or odr > 250
         self.temperature_raw = self.realigned = 0

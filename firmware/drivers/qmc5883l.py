@@ -9,7 +9,7 @@ if chip.read_into(words, 0):
 from buffers import shared
 from micropython import const
 
-from drivers.chip import Chip, setting
+from drivers.chip import Chip, find_setting
 
 _OUT = const(0x00)
 _STATUS = const(0x06)
@@ -34,8 +34,8 @@ class QMC5883L(Chip):
     WHO_AM_I = (0xFF,)
 
     def __init__(self, i2c, address=0x0D, *, odr_hz=10, range_gauss=8):
-        self.rate_hz, rate_code = setting(self.RATES_HZ, odr_hz)
-        self.range_gauss, self.lsb_ft, range_code = setting(self.RANGES_GAUSS, range_gauss)
+        self.rate_hz, rate_code = find_setting(self.RATES_HZ, odr_hz)
+        self.range_gauss, self.lsb_ft, range_code = find_setting(self.RANGES_GAUSS, range_gauss)
         super().__init__(i2c, address)
         self._standing = ((_CONTROL_1, _CONTINUOUS | rate_code | range_code),)
         first = ((_SET_RESET_PERIOD, _RECOMMENDED_PERIOD), (_CONTROL_2, _NO_INTERRUPT))

@@ -18,7 +18,7 @@ DRIVER = '''"""TOY6, a chip that does not exist: gyro and accelerometer, polled,
 
 from micropython import const
 
-from drivers.chip import Chip, setting
+from drivers.chip import Chip, find_setting
 
 _CTRL = const(0x01)
 _STATUS = const(0x02)
@@ -38,9 +38,9 @@ class TOY6(Chip):
     RESET = (_CTRL, _RESET, 100)
 
     def __init__(self, i2c, address=0x68, *, odr_hz=200, range_dps=2000, range_g=16, fifo=False, wake_mg=0):
-        _, self.rate_mhz, code = setting(self.RATES_HZ, odr_hz)
-        self.range_dps, self.gyro_lsb_ndps, _ = setting(self.RANGES_DPS, range_dps)
-        self.range_g, self.accel_lsb_ng, _ = setting(self.RANGES_G, range_g)
+        _, self.rate_mhz, code = find_setting(self.RATES_HZ, odr_hz)
+        self.range_dps, self.gyro_lsb_ndps, _ = find_setting(self.RANGES_DPS, range_dps)
+        self.range_g, self.accel_lsb_ng, _ = find_setting(self.RANGES_G, range_g)
         self.temperature_lsb_udegc, self.temperature_offset_udegc = 10000, 25000000
         super().__init__(i2c, address)
         self.temperature_raw = self.realigned = 0

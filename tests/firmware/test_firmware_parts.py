@@ -71,32 +71,32 @@ def parts_whose_bus_fails(who_am_i=0x69, free=True):
 
 def test_a_bus_is_freed_after_several_errors_in_a_row_or_at_once_after_a_timeout():
     fake, actions = parts_whose_bus_fails()
-    freed_at = next(k for k in range(1, 50) if fake.bus_error(OSError(5), 1000) or actions)
+    freed_at = next(k for k in range(1, 50) if fake.handle_bus_error(OSError(5), 1000) or actions)
     assert 1 < freed_at < 20
     assert (fake.i2c_errors, fake.recoveries, fake.failures) == (freed_at, 1, 0)
     assert fake.chip.i2c == fake.mag.i2c == "fresh"
     assert not fake.paused and not fake.faults
-    fake.bus_error(OSError(errno.ETIMEDOUT), 1000)
+    fake.handle_bus_error(OSError(errno.ETIMEDOUT), 1000)
     assert (fake.i2c_errors, fake.recoveries, actions) == (freed_at + 1, 2, ["free", "free"])
-    fake.bus_error(MemoryError(), 1000)
+    fake.handle_bus_error(MemoryError(), 1000)
     assert (fake.recoveries, fake.failures) == (2, 1), (
         "an error without arguments does not free the bus at once"
     )
     fake._silent = lambda now: False
     for _ in range(50):
-        fake.bus_error(OSError(5), 1000)
+        fake.handle_bus_error(OSError(5), 1000)
     assert fake.recoveries == 2, "while samples arrive, errors are only counted"
 
 
 @pytest.mark.parametrize(("who_am_i", "free", "errors"), [(0x69, False, 1), (None, True, 2)])
 def test_a_stuck_bus_and_a_silent_chip_are_paused(who_am_i, free, errors):
     fake, _ = parts_whose_bus_fails(who_am_i, free)
-    fake.bus_error(OSError(errno.ETIMEDOUT), 1000)
+    fake.handle_bus_error(OSError(errno.ETIMEDOUT), 1000)
     assert fake.paused and fake.i2c_errors == errors
     assert bool(fake.faults & FAULT_BUS_STUCK) == (not free)
     stuck = fake.faults
     fake._board.free_bus = lambda: True
-    fake.bus_error(OSError(errno.ETIMEDOUT), 1000)
+    fake.handle_bus_error(OSError(errno.ETIMEDOUT), 1000)
     assert stuck == (0 if free else FAULT_BUS_STUCK) and fake.faults == 0, "the fault ends with its cause"
 
 

@@ -17,12 +17,12 @@ from hubodo.pages.console import print_lines, print_table
 from hubodo.pages.drawing import save_figure
 from hubodo.progress import progress_line
 from hubodo.recording import Recording
-from hubodo.sensors.allan.also import ALSO
 from hubodo.sensors.allan.characterise import characterise_standstill_noise
 from hubodo.sensors.allan.datasheet import CHIP_DATASHEETS, Datasheet, read_datasheet
 from hubodo.sensors.allan.figure import allan_figure
 from hubodo.sensors.allan.ieee952 import is_gyro
 from hubodo.sensors.allan.noise_files import NOISE_CHANNELS, imu_filter_yaml, kalibr_yaml
+from hubodo.sensors.allan.other_statistics import OTHER_STATISTICS
 from hubodo.sensors.allan.page import NamedResult, allan_page, comparison_table
 from hubodo.sensors.allan.repeatability import find_bias_repeatability
 from hubodo.sensors.allan.result import AllanResult
@@ -107,8 +107,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=_also,
         default=(),
         metavar="KINDS",
-        help=f"show more of the record: {', '.join(ALSO)}, separated by commas (modified Allan, Hadamard and "
-        "total deviation, spectral density)",
+        help=f"show more of the record: {', '.join(OTHER_STATISTICS)}, separated by commas (modified Allan, "
+        "Hadamard and total deviation, spectral density)",
     )
     parser.add_argument(
         "--kalibr",
@@ -198,9 +198,10 @@ def _also(text: str) -> tuple[str, ...]:
     """Return the requested kinds without duplicates; raise ArgumentTypeError for an unknown one."""
     kinds = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
     for name in kinds:
-        if name not in ALSO:
+        if name not in OTHER_STATISTICS:
             raise argparse.ArgumentTypeError(
-                f"{name!r}: choose from {', '.join(ALSO)}{suggest_spelling(name, ALSO)}"
+                f"{name!r}: choose from {', '.join(OTHER_STATISTICS)}"
+                f"{suggest_spelling(name, OTHER_STATISTICS)}"
             )
     return kinds
 

@@ -105,7 +105,7 @@ def test_live_bulk_and_playback_are_equal_bit_by_bit(rim, tmp_path):
     bulk = WheelFilter(replace(live._filter.config, start_heading=0.0))
     extended = {name: extend_table(table, chips[name], LIMIT) for name, table in nodes.items()}
     assert all(np.count_nonzero(table[BEYOND_RANGE]) > 1000 for table in extended.values())
-    poses = bulk.handle_many({name: sample_block(table) for name, table in extended.items()}).poses
+    poses = bulk.handle_blocks({name: sample_block(table) for name, table in extended.items()}).poses
     expected = [pose[:6] for pose in [*poses, *bulk.finish().poses]]
     assert [pose[:6] for pose in live.take_poses()] == expected
     assert to_messages(Playback(path, vehicle=vehicle).odometry_rows(), ZERO_NS) == to_messages(rows, ZERO_NS)

@@ -33,7 +33,7 @@ result = {"rows": len(MEASUREMENTS)}
 for names in (("left",), ("left", "right")):
     nodes = {name: first_seconds(drive.nodes[name]) for name in names}
     bulk, live = WheelFilter(config(drive, names)), WheelFilter(config(drive, names))
-    bulk_poses = [*bulk.handle_many({n: (it.t, it.gyro, it.accel) for n, it in nodes.items()}).poses]
+    bulk_poses = [*bulk.handle_blocks({n: (it.t, it.gyro, it.accel) for n, it in nodes.items()}).poses]
     samples = [
         WheelSample(name, t, tuple(gyro), tuple(accel))
         for name, node in nodes.items()

@@ -275,7 +275,7 @@ def test_live_odometry_equals_bulk_bit_by_bit_while_clipped(fast: WheelDrive) ->
     )
     bulk = WheelFilter(config(drive, BOTH, limits=limits))
     columns = {name: (table.t, table.gyro, table.accel) for name, table in first_samples.items()}
-    expected = [*bulk.handle_many(columns).poses, *bulk.finish().poses]
+    expected = [*bulk.handle_blocks(columns).poses, *bulk.finish().poses]
     live = WheelFilter(config(drive, BOTH, limits=limits))
     samples = [
         WheelSample(name, t, tuple(gyro), tuple(accel))

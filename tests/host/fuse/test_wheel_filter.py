@@ -32,7 +32,7 @@ SHORT = short_loop(3)
 def _short_bulk() -> WheelTrack:
     """Return the bulk odometry of SHORT."""
     bulk = WheelFilter(config(SHORT))
-    return track_from_poses([*bulk.handle_many(sample_columns(SHORT)).poses, *bulk.finish().poses])
+    return track_from_poses([*bulk.handle_blocks(sample_columns(SHORT)).poses, *bulk.finish().poses])
 
 
 def _assert_equal_bits(poses: list[object]) -> None:
@@ -66,7 +66,7 @@ def test_blocks_of_any_size_equal_bulk_bit_by_bit(seed: int) -> None:
             if start < 0:
                 selected |= node.t <= start + ahead[name]
             blocks[name] = (node.t[selected], node.gyro[selected], node.accel[selected])
-        poses += live.handle_many(blocks).poses
+        poses += live.handle_blocks(blocks).poses
     _assert_equal_bits([*poses, *live.finish().poses])
 
 
@@ -199,7 +199,7 @@ def test_samples_after_a_backward_clock_jump_are_refused_and_counted() -> None:
     t = np.concatenate([node.t[:half], node.t[half:] - 3.0])
     wheel_filter = WheelFilter(config(SHORT))
     left = SHORT.nodes["left"]
-    poses = wheel_filter.handle_many(
+    poses = wheel_filter.handle_blocks(
         {"left": (left.t, left.gyro, left.accel), "right": (t, node.gyro, node.accel)}
     ).poses
     assert wheel_filter.rejected_samples["right"] == pytest.approx(3.0 * 104, rel=0.05)
@@ -212,7 +212,7 @@ def test_a_wrong_time_stamp_costs_one_sample_in_bulk_and_live() -> None:
     t[1000] = 1e7
     t[1500] = -3.0
     bulk, live = (WheelFilter(config(SHORT, ("left",))) for _ in range(2))
-    bulk_poses = [*bulk.handle_many({"left": (t, node.gyro, node.accel)}).poses, *bulk.finish().poses]
+    bulk_poses = [*bulk.handle_blocks({"left": (t, node.gyro, node.accel)}).poses, *bulk.finish().poses]
     live_poses = []
     for stamp, gyro, accel in zip(t.tolist(), node.gyro.tolist(), node.accel.tolist(), strict=True):
         live_poses += live.handle(WheelSample("left", stamp, tuple(gyro), tuple(accel))).poses

@@ -147,7 +147,7 @@ def test_a_measurement_added_to_the_tuple_is_used(monkeypatch: pytest.MonkeyPatc
     def biases() -> list[float]:
         nodes = {name: WheelNode(name, "left") for name in drive.nodes}  # type: ignore[arg-type]
         wheel_filter = WheelFilter(WheelConfig(drive.radius, drive.track, nodes))
-        wheel_filter.handle_many(sample_columns(drive))
+        wheel_filter.handle_blocks(sample_columns(drive))
         return [wheel_filter.core.estimate(name, ACCEL_BIAS_Z).value for name in drive.nodes]
 
     assert max(abs(value) for value in biases()) < 2.0

@@ -17,7 +17,7 @@ from wheel_runs import BOTH, config, sample_columns, short_loop, tables
 def _core_after_drive(drive: wheel_drives.WheelDrive) -> FilterCore:
     """Return the core of a wheel filter after a whole drive."""
     wheel_filter = WheelFilter(config(drive))
-    wheel_filter.handle_many(sample_columns(drive))
+    wheel_filter.handle_blocks(sample_columns(drive))
     wheel_filter.finish()
     return wheel_filter.core
 
@@ -51,7 +51,7 @@ def test_with_swapped_sides_one_wheel_continues_on_its_true_side() -> None:
     drive = short_loop(22)
     wheel_filter, nodes = WheelFilter(config(drive)), drive.nodes
     recorded = {"left": nodes["right"], "right": nodes["left"]}
-    wheel_filter.handle_many({name: (node.t, node.gyro, node.accel) for name, node in recorded.items()})
+    wheel_filter.handle_blocks({name: (node.t, node.gyro, node.accel) for name, node in recorded.items()})
     wheel_filter.finish()
     declared, trusted = (
         {

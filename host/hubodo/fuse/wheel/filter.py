@@ -56,7 +56,7 @@ class FilterOutput:
 
 
 class WheelFilter:
-    """Wheel odometry: pass samples to `handle`, or blocks to `handle_many`, then call `finish`.
+    """Wheel odometry: pass samples to `handle`, or blocks to `handle_blocks`, then call `finish`.
 
     Poses are returned as windows close. The windows of a node that lags a second behind the other are
     dropped. An outage of all nodes is one step with one pose at its end, however long it is.
@@ -101,7 +101,7 @@ class WheelFilter:
             self._collect_steps(_MAX_NODE_DELAY_WINDOWS)
         return FilterOutput(self._take_steps(_MAX_STEPS_PER_SAMPLE) if windows else (), n_rejected)
 
-    def handle_many(self, blocks: Mapping[str, SampleBlock]) -> FilterOutput:
+    def handle_blocks(self, blocks: Mapping[str, SampleBlock]) -> FilterOutput:
         """Process a block of each node over the same time, by name."""
         n_rejected = 0
         for name, block in blocks.items():

@@ -35,7 +35,7 @@ SampleBlock = tuple[Array, Array, Array] | tuple[Array, Array, Array, Array]
 
 
 def sample_block(table: Table) -> SampleBlock:
-    """Return the samples of a node's table for `WheelFilter.handle_many`."""
+    """Return the samples of a node's table for `WheelFilter.handle_blocks`."""
     samples = table.t, table.gyro, table.accel
     return (*samples, table[BEYOND_RANGE]) if BEYOND_RANGE in table else samples
 

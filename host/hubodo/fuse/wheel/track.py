@@ -112,7 +112,7 @@ def run_wheel_filter(
     if math.isinf(lag):
         wheel_filter.record_for_smoothing()
     blocks = {name: sample_block(nodes[name]) for name in config.nodes if name in nodes}
-    poses = [*wheel_filter.handle_many(blocks).poses, *wheel_filter.finish().poses]
+    poses = [*wheel_filter.handle_blocks(blocks).poses, *wheel_filter.finish().poses]
     if not poses:
         raise ValueError("the nodes have less than a fifth of a second of samples: nothing to filter")
 

@@ -11,11 +11,11 @@ import numpy as np
 from hubodo.calibration.parameter_table import format_with_sigma
 from hubodo.pages.drawing import render_drawing
 from hubodo.pages.page import PageTable, Section, render_page
-from hubodo.sensors.allan.also import also_sections
 from hubodo.sensors.allan.datasheet import Datasheet
 from hubodo.sensors.allan.figure import allan_figure
 from hubodo.sensors.allan.fit import NoiseTerm
 from hubodo.sensors.allan.ieee952 import TermUnit, is_gyro, rate_unit, term_units
+from hubodo.sensors.allan.other_statistics import other_statistics_sections
 from hubodo.sensors.allan.repeatability import find_bias_repeatability
 from hubodo.unit_systems import angle_text, unit_system
 
@@ -267,7 +267,7 @@ def allan_sections(
             "1σ; hollow points were not fitted.",
             figures=[render_drawing(lambda: allan_figure([(name, result)], name, sheets))],
         ),
-        *also_sections(result),
+        *other_statistics_sections(result),
         *([Section("Not observable in this record", "", [missing])] if missing.rows else []),
         Section(
             "The record",

@@ -13,13 +13,13 @@ from hubodo.html_table import html_lines, html_table
 from hubodo.pages.console import print_lines, print_table
 from hubodo.pages.plot import Plot
 from hubodo.recording import Table
-from hubodo.sensors.allan.also import also_json, also_table
 from hubodo.sensors.allan.datasheet import read_datasheet
 from hubodo.sensors.allan.deviation import AllanPoints
 from hubodo.sensors.allan.figure import allan_figure
 from hubodo.sensors.allan.fit import NoiseFit, NoiseTerm
 from hubodo.sensors.allan.ieee952 import rate_unit, term_units
 from hubodo.sensors.allan.other_deviations import deviation, spectral_density
+from hubodo.sensors.allan.other_statistics import other_statistics_json, other_statistics_table
 from hubodo.sensors.allan.page import all_term_rows, hidden_terms_table, summarise_allan, terms_table
 from hubodo.sensors.allan.sinusoids import Sinusoid
 from hubodo.sensors.even_grid import EvenGrid
@@ -175,7 +175,7 @@ class AllanResult:
             "sinusoids": [it.as_json() for it in self.sinusoids],
             "excluded": [{"start": start, "end": end} for start, end in self.record.excluded],
             "notes": list(self.notes),
-            **also_json(self),
+            **other_statistics_json(self),
         }
 
     def deviation(self, kind: Literal["modified", "hadamard", "total"]) -> tuple[Array, Array]:
@@ -255,7 +255,7 @@ class AllanResult:
         headings, *rows = all_term_rows(self)
         print_table(console, headings, rows, self.name)
         print_lines(console, [summarise_allan(self)])
-        if (table := also_table(self)) is not None:
+        if (table := other_statistics_table(self)) is not None:
             print_table(console, table.headings, table.rows, "other deviations")
         print_lines(console, self.notes, label="note")
 

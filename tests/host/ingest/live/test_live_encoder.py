@@ -81,7 +81,7 @@ def test_the_live_poses_equal_those_of_the_forward_filter_over_the_log(
     settings = replace(wheel_config(VEHICLE, ["left"], None, ranges), encoder_aided=True)
     node = drive.nodes["left"]
     wheel_filter = WheelFilter(settings, average_surface_speeds(wheels))
-    bulk = [*wheel_filter.handle_many({"left": (node.t, node.gyro, node.accel)}).poses]
+    bulk = [*wheel_filter.handle_blocks({"left": (node.t, node.gyro, node.accel)}).poses]
     bulk += wheel_filter.finish().poses
     # The last windows have no speeds yet when the live odometry ends.
     assert len(live) == len(bulk) > 190

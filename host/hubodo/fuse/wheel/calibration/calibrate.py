@@ -168,7 +168,7 @@ class _CalibrationDrive:
         blocks = {name: sample_block(nodes[name]) for name in used_nodes}
         plain_filter = WheelFilter(config)
         plain_filter.recorded_steps = []
-        poses = [*plain_filter.handle_many(blocks).poses, *plain_filter.finish().poses]
+        poses = [*plain_filter.handle_blocks(blocks).poses, *plain_filter.finish().poses]
         positions_used = (
             positions.select((positions.t >= poses[0].t) & (positions.t <= poses[-1].t)) if poses else None
         )

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from hubodo.sensors.allan.result import AllanResult
 
 SPECTRUM = "psd"
-ALSO = (*DEVIATIONS, SPECTRUM)
+OTHER_STATISTICS = (*DEVIATIONS, SPECTRUM)
 
 
-def also_json(result: AllanResult) -> dict[str, Any]:
+def other_statistics_json(result: AllanResult) -> dict[str, Any]:
     """Return the requested deviations and spectral density in SI units; {} if none was requested."""
     shown: dict[str, Any] = {}
     if kinds := [kind for kind in result.also if kind != SPECTRUM]:
@@ -34,7 +34,7 @@ def _points_json(tau: Array, values: Array) -> dict[str, list[float]]:
     return {"tau": tau.tolist(), "deviation": values.tolist()}
 
 
-def also_table(result: AllanResult) -> PageTable | None:
+def other_statistics_table(result: AllanResult) -> PageTable | None:
     """Return the requested deviations beside that of Allan by averaging time, or None."""
     kinds = [kind for kind in result.also if kind != SPECTRUM]
     if not kinds:
@@ -60,10 +60,10 @@ def _cell(column: dict[float, float], tau: float, factor: float) -> str:
     return "" if value is None else f"{value * factor:.4g}"
 
 
-def also_sections(result: AllanResult) -> list[Section]:
+def other_statistics_sections(result: AllanResult) -> list[Section]:
     """Return the page sections of what was requested."""
     sections = []
-    if (table := also_table(result)) is not None:
+    if (table := other_statistics_table(result)) is not None:
         text = "NIST SP 1065; of the longest span without gaps. Hadamard ignores a linear drift."
         sections.append(Section("Other deviations", text, [table]))
     if SPECTRUM in result.also:
