@@ -88,7 +88,7 @@ def north(capsys, port, *words):
 
 
 @pytest.mark.real_time
-def test_a_real_node_is_turned_and_feels_the_turns_that_the_table_tells(bench, tmp_path, capsys):
+def test_a_real_node_is_turned_and_measures_the_turns_that_the_table_reports(bench, tmp_path, capsys):
     port, table = bench
     out = tmp_path / "north.mcap"
     north_result, _ = north(capsys, port, "--table", table.path, "--stops", 5, "-o", out)

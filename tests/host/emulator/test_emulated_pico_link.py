@@ -53,7 +53,7 @@ def spent(folder: Path, host: Host) -> int:
 
 
 @pytest.mark.real_time
-def test_a_host_that_unplugs_meets_a_new_terminal_and_the_program_has_gone_on(tmp_path: Path) -> None:
+def test_a_host_that_unplugs_gets_a_new_terminal_and_the_program_continues(tmp_path: Path) -> None:
     with pico(tmp_path, CHATTER) as board:
         with Terminal(board.port) as host:
             host.until(b"000100\n")

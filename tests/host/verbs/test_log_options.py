@@ -28,7 +28,7 @@ def vehicle(tmp_path: Path) -> Vehicle:
     return load_vehicle(path)
 
 
-def test_without_options_the_log_speaks_for_itself() -> None:
+def test_without_options_the_format_of_the_log_is_not_overridden() -> None:
     form = stated_input_format(_parse())
     assert (form.rate, form.units, form.columns, form.channel) == (None, (), (), "gz")
     assert dict(form.topic_selection.explicit) == {}

@@ -38,7 +38,7 @@ class AdditiveEffects:
         return self._straight and not any(_overrides(kind, stage) for stage in _NON_ADDITIVE_STAGES)
 
     @cached_property
-    def gyro_feels_force(self) -> bool:
+    def gyro_depends_on_force(self) -> bool:
         """Return True if an effect lets the gyro respond to force, so that a force of NaN shows."""
         some = self._chain.select(slice(0, 1))
         probe = replace(some, gyro=some.rate.copy(), accel=some.force.copy(), force=np.full((3, 1), np.nan))

@@ -19,14 +19,14 @@ def test_a_bias_is_additive_and_camber_is_not(evaluation):
     assert not change[1:].any()
 
 
-def test_a_gyro_feels_force_only_with_an_effect_that_couples_them(evaluation):
+def test_a_gyro_depends_on_force_only_with_an_effect_that_couples_them(evaluation):
     state = evaluation.state
     node = state.problem.nodes[0]
     sensitivity = BY_NAME["gyro_g_sensitivity"](z=1e-3)
     effects = {**state.effects[node.name], **{type(one): one for one in [BY_NAME["accel_bias"](x=0.1)]}}
     chain = state.sensor_chain(node)
-    assert not AdditiveEffects(chain, effects).gyro_feels_force
-    assert AdditiveEffects(chain, {**effects, type(sensitivity): sensitivity}).gyro_feels_force
+    assert not AdditiveEffects(chain, effects).gyro_depends_on_force
+    assert AdditiveEffects(chain, {**effects, type(sensitivity): sensitivity}).gyro_depends_on_force
 
 
 def test_a_lever_arm_changes_only_the_geometry_and_a_clock_does_not():

@@ -130,7 +130,7 @@ def test_on_a_table_the_warm_up_is_corrected_and_its_uncertainty_is_in_sigma(sim
     assert result["rests"] == [[0.0, pytest.approx(19.5, abs=0.05)]]
 
 
-def test_every_stop_of_the_table_mends_the_heading(simulated, tmp_path, capsys):
+def test_every_stop_of_the_table_corrects_the_heading(simulated, tmp_path, capsys):
     files = {name: tmp_path / f"heading.{name}" for name in ("csv", "png", "html")}
     bench, table, allan = simulated / "bench.mcap", simulated / "table.mcap", tmp_path / "allan.json"
     capsys.readouterr()

@@ -333,7 +333,7 @@ def test_noise_that_was_given_is_widened_as_a_whole_from_four_sigmas_of_its_vari
 
 
 @pytest.mark.parametrize("rows, reported", [(14, False), (15, True), (16, True)])
-def test_each_full_turn_of_a_carousel_tells_its_own_rates_whatever_its_bias_and_slope(rows, reported):
+def test_each_full_turn_of_a_carousel_gives_its_own_rates_whatever_its_bias_and_slope(rows, reported):
     rates, y, angle, turn = [], [], [], []
     for k, size in enumerate((16, rows)):
         at = 2 * np.pi * np.arange(size) / 16

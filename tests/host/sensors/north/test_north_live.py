@@ -223,7 +223,7 @@ def test_it_ends_when_sigma_is_reached(table, computer, capsys):
 
 
 @pytest.mark.parametrize("method", first_and_more("maytag4", "east"))
-def test_a_run_that_was_cut_short_is_gone_on_with_from_its_log(
+def test_an_interrupted_run_is_continued_from_its_log(
     computer, turning, tmp_path, capsys, monkeypatch, method
 ):
     first, second = tmp_path / "first.mcap", tmp_path / "second.mcap"

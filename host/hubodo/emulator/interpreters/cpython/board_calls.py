@@ -194,7 +194,7 @@ class BoardCalls:
     def udp_close(self, handle):
         return self.ask("UDP_CLOSE", handle)[0]
 
-    def udp_to(self, handle, high, low, port):
+    def udp_destination(self, handle, high, low, port):
         self.socket, self.status = handle, 0
         self.peer = struct.pack(">HH", high, low) + struct.pack("<H", port)
 

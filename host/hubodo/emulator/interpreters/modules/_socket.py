@@ -16,7 +16,7 @@ SO_BROADCAST = 32
 _device = open("/dev/udp", "r+b")
 _into = _device.readinto
 _out = _device.write
-_to = _board.udp_to
+_to = _board.udp_destination
 _from = _board.udp_from
 _result = _board.result
 

@@ -142,7 +142,7 @@ export class Devices {
       spi_to: (unit) => {
         this.spiUnit = unit;
       },
-      udp_to: (handle, high, low, remote) => {
+      udp_destination: (handle, high, low, remote) => {
         this.socket = handle;
         this.result = 0;
         peer.writeUInt16BE(high, 0);
