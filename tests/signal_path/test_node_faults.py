@@ -69,7 +69,8 @@ def test_samples_lost_by_a_stalled_processor_are_numbered_and_counted(rate):
     k, missing, jump = holes(sent, truth)
     health = last_health(sent)
     print(
-        f"seed {seed}: {rate} Hz: {missing.sum()} lost, {jump.sum()} by number, {health.samples_missed} told"
+        f"seed {seed}: {rate} Hz: {missing.sum()} lost, {jump.sum()} by number, "
+        f"{health.samples_missed} reported"
     )
     assert missing.sum() > 100
     assert jump.sum() == health.samples_missed

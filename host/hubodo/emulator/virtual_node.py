@@ -62,13 +62,25 @@ def fill_flash(flash: Flash, folder: Path) -> None:
     """Copy the firmware to `folder`, with the configuration as config.json."""
     folder.mkdir(parents=True, exist_ok=True)
     if flash.firmware is not None:
-        for source in sorted(flash.firmware.rglob("*")):
-            if source.is_file() and source.suffix in FIRMWARE_SUFFIXES and "__pycache__" not in source.parts:
-                target = folder / source.relative_to(flash.firmware)
-                target.parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(source, target)
+        shutil.copytree(
+            flash.firmware,
+            folder,
+            ignore=_ignored_names,
+            copy_function=shutil.copyfile,
+            dirs_exist_ok=True,
+        )
     if flash.config is not None:
         (folder / "config.json").write_text(json_text(flash.config))
+
+
+def _ignored_names(folder: str, names: list[str]) -> list[str]:
+    """Return the names in a folder of firmware that a board does not get."""
+    return [
+        name
+        for name in names
+        if name == "__pycache__"
+        or (Path(name).suffix not in FIRMWARE_SUFFIXES and not Path(folder, name).is_dir())
+    ]
 
 
 def _check(board: BoardSettings, clock: Clock, host: Host, sensors: SensorBoard) -> None:

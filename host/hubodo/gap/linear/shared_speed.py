@@ -63,7 +63,7 @@ class SpeedCoupling:
         return SpeedCorrection(correction.t, speed / step) if speed.any() else None
 
     def _moves_gyro(self, node: NodeData, effects: Mapping[type[Effect], Effect], effect: Effect) -> bool:
-        """Return False if an effect only adds a lever arm, and the gyro of the node does not depend on forces."""
+        """Return False if an effect only adds a lever arm, and forces do not affect the gyro."""
         if not changes_only_geometry(type(effect)) or self._added[node.name].gyro_depends_on_force:
             return True
         own = self._state.effects[node.name]
