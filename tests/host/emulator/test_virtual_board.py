@@ -16,12 +16,22 @@ from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host, Se
 from hubodo.emulator.chips.faults import BusNack, StuckBus
 from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.motion import StillMotion
-from hubodo.emulator.virtual_node import VirtualNode
+from hubodo.emulator.virtual_node import VirtualNode, fill_flash
 
 
 @pytest.mark.parametrize("kind", ["micropython", "cpython"])
 def test_firmware_reads_who_am_i_of_the_emulated_chip(tmp_path: Path, kind: str) -> None:
     assert printed(run(tmp_path, WHO, board=BoardSettings(interpreter=kind))) == ["105 [30, 107]"]
+
+
+def test_a_board_gets_firmware_and_settings_and_neither_documents_nor_caches(tmp_path: Path) -> None:
+    for name in ("main.py", "README.md", "drivers/chip.mpy", "__pycache__/main.pyc", "__pycache__/main.py"):
+        path = tmp_path / "source" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(name)
+    fill_flash(Flash(tmp_path / "source", {"node_id": 2}), tmp_path / "flash")
+    files = {path.relative_to(tmp_path / "flash").as_posix() for path in (tmp_path / "flash").rglob("*.*")}
+    assert files == {"main.py", "drivers/chip.mpy", "config.json"}
 
 
 @pytest.mark.real_time
