@@ -49,12 +49,12 @@ def sample_columns(drive: wheel_drives.WheelDrive) -> dict[str, tuple[np.ndarray
     return {name: (node.t, node.gyro, node.accel) for name, node in drive.nodes.items()}
 
 
-def samples_in_time_order(drive: wheel_drives.WheelDrive) -> list[WheelSample]:
-    """Return the samples of all nodes one by one, sorted by time."""
+def samples_in_time_order(columns: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]) -> list[WheelSample]:
+    """Return the samples of all nodes, as of `sample_columns`, one by one, sorted by time."""
     samples = [
         WheelSample(name, t, tuple(gyro), tuple(accel))
-        for name, node in drive.nodes.items()
-        for t, gyro, accel in zip(node.t.tolist(), node.gyro.tolist(), node.accel.tolist(), strict=True)
+        for name, node_columns in columns.items()
+        for t, gyro, accel in zip(*(column.tolist() for column in node_columns), strict=True)
     ]
     return sorted(samples, key=lambda sample: sample.t)
 

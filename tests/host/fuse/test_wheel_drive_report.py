@@ -31,6 +31,7 @@ MOVING, ROCKING, STANDSTILL = (float(state) for state in MotionState)
 def warnings_of(
     motion_states: Any = (STANDSTILL,) * 50,
     refused: int = 0,
+    glitches: int = 0,
     verdict: str = "",
     windows: int = 1000,
     ground_rate_sigma: float = 0.0,
@@ -46,7 +47,8 @@ def warnings_of(
         windows=windows,
     )
     config = SimpleNamespace(ground_rate_sigma=ground_rate_sigma)
-    wheel_filter = SimpleNamespace(core=core, rejected_samples={"left": refused}, config=config)
+    counts = {"rejected_samples": {"left": refused + glitches}, "glitches": {"left": glitches}}
+    wheel_filter = SimpleNamespace(core=core, config=config, **counts)
     return list_warnings(wheel_filter, np.array(motion_states))  # type: ignore[arg-type]
 
 
@@ -88,7 +90,8 @@ def test_a_standstill_is_expected_in_the_first_three_seconds(
         ),
         ({"missing_windows": 1000}, {"missing_windows": 0}, "the track comes from the other wheel alone"),
         ({"angle_losses": 2}, {"angle_losses": 0}, "reinitialised (2 times)"),
-        ({"refused": 3}, {"refused": 0}, "3 samples left out"),
+        ({"refused": 3}, {"refused": 0}, "3 samples left out because their time"),
+        ({"glitches": 3}, {"glitches": 0}, "3 samples left out because their rate jumps"),
         ({"turned_angle": 0.99 * TURN}, {"turned_angle": 1.01 * TURN}, "turned only 0.99 times"),
         ({"net_angle": -40.1}, {"net_angle": -39.9}, "rolled backwards"),
         ({"upright_sum": 49.0}, {"upright_sum": 51.0}, "gravity does not turn"),

@@ -44,7 +44,7 @@ def _assert_equal_bits(poses: list[object]) -> None:
 
 def test_live_odometry_equals_bulk_bit_by_bit() -> None:
     live, poses = WheelFilter(config(SHORT)), []
-    for sample in samples_in_time_order(SHORT):
+    for sample in samples_in_time_order(sample_columns(SHORT)):
         poses += live.handle(sample).poses
         live.state()
     _assert_equal_bits([*poses, *live.finish().poses])
@@ -75,7 +75,7 @@ def test_the_live_state_extrapolates_smoothly_between_poses() -> None:
     live = WheelFilter(config(drive))
     max_delay, max_error, max_jump = 0.0, 0.0, 0.0
     error = None
-    for sample in samples_in_time_order(drive):
+    for sample in samples_in_time_order(sample_columns(drive)):
         live.handle(sample)
         state = live.state()
         if state is not None and sample.t > 8.0:

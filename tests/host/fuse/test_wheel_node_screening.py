@@ -130,3 +130,14 @@ def test_a_common_gap_of_two_tables_is_not_an_own_gap():
     assert find_own_gaps([left]) == [pytest.approx([3.0, 8.0, 12.0])]
     for step, count in ((0.079, 0), (0.081, 1)):
         assert len(find_own_gaps([node_table(np.array([0.0, 0.05, 0.05 + step]))])[0]) == count
+
+
+def test_two_nodes_that_freeze_together_are_removed_while_they_turn():
+    """A logger repeats its last message of both; 3 rad/s for 0.78 s are 2.3 rad, 2 rad/s 1.6 rad."""
+    for rate, n_removed in ((3.0, 100), (2.0, 0)):
+        table = frozen_node(100)
+        gyro, accel = table.gyro.copy(), table.accel.copy()
+        gyro[50:151] = 0.0, 0.0, rate
+        table = node_table(table.t, gyro, accel)
+        screened, _ = screen_samples({"left": table, "right": table})
+        assert all(len(removed_times(node, table)) == n_removed for node in screened.values())

@@ -114,7 +114,9 @@ def test_live_and_bulk_return_to_an_outage_with_the_same_bits() -> None:
     drive, _ = drive_with_outage(71, 3.0, "turns")
     bulk, live = WheelFilter(config(drive)), WheelFilter(config(drive))
     poses = [*bulk.handle_blocks(sample_columns(drive)).poses, *bulk.finish().poses]
-    single = [pose for sample in samples_in_time_order(drive) for pose in live.handle(sample).poses]
+    single = [
+        pose for sample in samples_in_time_order(sample_columns(drive)) for pose in live.handle(sample).poses
+    ]
     single += live.finish().poses
     assert [pose[:6] for pose in poses] == [pose[:6] for pose in single]
     assert all(np.array_equal(a.covariance, b.covariance) for a, b in zip(poses, single, strict=True))

@@ -198,7 +198,8 @@ def list_warnings(wheel_filter: WheelFilter, motion_states: Array) -> list[str]:
     )
     windows, outage_windows = wheel_filter.core.windows, wheel_filter.core.outages.windows
     for wheel in wheel_filter.core.wheels:
-        lines += _wheel_warnings(wheel, windows, outage_windows, wheel_filter.rejected_samples[wheel.name])
+        rejected = wheel_filter.rejected_samples[wheel.name], wheel_filter.glitches[wheel.name]
+        lines += _wheel_warnings(wheel, windows, outage_windows, *rejected)
     return lines
 
 
@@ -217,7 +218,10 @@ def _track_width_warnings(wheel_filter: WheelFilter) -> list[str]:
     ]
 
 
-def _wheel_warnings(wheel: Wheel, windows: int, outage_windows: int, n_rejected: int) -> list[str]:
+def _wheel_warnings(
+    wheel: Wheel, windows: int, outage_windows: int, n_rejected: int, n_glitches: int
+) -> list[str]:
+    """Return the warnings of one wheel; n_glitches: rejected samples whose rate jumped and returned."""
     duration, counts = windows * WINDOW_S, wheel.counts
     if counts.missing_windows >= windows:
         return [f"{wheel.name}: no samples; the track comes from the other wheel alone"]
@@ -230,9 +234,15 @@ def _wheel_warnings(wheel: Wheel, windows: int, outage_windows: int, n_rejected:
             f"the wheel angle was lost over a gap and reinitialised ({counts.angle_losses} times): "
             "its clock jumped, or it turned on while it was not heard"
         )
-    if n_rejected:
+    if n_glitches:
         wheel_lines.append(
-            f"{n_rejected} samples left out because their time went back, or jumped ahead for one of them"
+            f"{n_glitches} samples left out because their rate jumps and returns faster than a wheel turns, "
+            "as after bit errors; check the wiring of the sensor"
+        )
+    if n_rejected > n_glitches:
+        wheel_lines.append(
+            f"{n_rejected - n_glitches} samples left out because their time went back, or jumped ahead for "
+            "one of them"
         )
     if counts.turned_angle < _FULL_TURN:
         turns = counts.turned_angle / _FULL_TURN

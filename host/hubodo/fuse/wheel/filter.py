@@ -48,7 +48,8 @@ class FilterOutput:
     Attributes
     ----------
     poses : poses of the windows that the samples completed.
-    n_rejected : number of samples left out because their time did not increase or their node is on no wheel.
+    n_rejected : number of samples left out because their time did not increase, their rate jumped and
+    returned, or their node is on no wheel.
     """
 
     poses: tuple[Pose, ...] = ()
@@ -146,6 +147,11 @@ class WheelFilter:
     def rejected_samples(self) -> dict[str, int]:
         """Return the number of samples left out, by node."""
         return {name: builder.n_rejected for name, builder in self._builders.items()}
+
+    @property
+    def glitches(self) -> dict[str, int]:
+        """Return the number of samples left out because the rate jumped and returned, by node."""
+        return {name: builder.n_glitches for name, builder in self._builders.items()}
 
     def _collect_steps(self, max_delay: int) -> None:
         """Combine the windows of all nodes into steps; a node may lag by `max_delay` windows."""

@@ -32,6 +32,9 @@ _MIN_OTHER_RATE_SPREAD = 0.1
 A thousand times the noise of an LSM6DS33 sample.
 """
 
+_MIN_FROZEN_TURN = 2.0
+"""rad that a wheel turns by its repeated rate; gravity would change its direction meanwhile."""
+
 _CROWDED_RUN_SAMPLES, _CROWDED_DURATION_SHARE = 20, 0.6
 """Number of samples, and the share of their usual duration below which they come from two interleaved
 records.
@@ -88,7 +91,7 @@ def screen_samples(nodes: Mapping[str, Table]) -> tuple[dict[str, Table], tuple[
             (interleaved, "samples of two times stand between one another: its clock went back"),
             (
                 frozen & ~interleaved,
-                "not one bit of its samples changed while the other wheel turned: it froze",
+                "not one bit of its samples changed while a wheel turned: it froze",
             ),
         ):
             for first, end in find_runs(is_rejected):
@@ -115,9 +118,10 @@ def find_own_gaps(tables: Sequence[Table]) -> list[list[float]]:
 
 
 def _find_frozen(table: Table, others: list[Table]) -> NDArray[np.bool_]:
-    """Return a mask (N,) of samples repeated for `_MIN_FROZEN_S` s or longer while another node rotates.
+    """Return a mask (N,) of samples repeated for `_MIN_FROZEN_S` s or longer while a node rotates.
 
-    A noise-free simulation at standstill repeats samples too; there the other wheel stands still as well.
+    A noise-free simulation at standstill repeats samples too; there both wheels stand still. A logger that
+    repeats its last message freezes both; their own rate then shows that they rotate.
     """
     mask = np.zeros(len(table), np.bool_)
     rows = np.hstack([table.gyro, table.accel])
@@ -126,6 +130,8 @@ def _find_frozen(table: Table, others: list[Table]) -> NDArray[np.bool_]:
         start_t, end_t = table.t[first], table.t[end - 1]
         if end_t - start_t < _MIN_FROZEN_S:
             continue
+        if (end - start) * np.linalg.norm(table.gyro[first]) > _MIN_FROZEN_TURN:
+            mask[first : last + 1] = True
         for other in others:
             is_simultaneous = (other.t >= start_t) & (other.t <= end_t)
             if (

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hubodo.arrays import Array
+from hubodo.fuse.wheel.glitches import GlitchFilter, SampleRow, find_jumps
 from hubodo.fuse.wheel.integrals import CZ, GZ, MISSING, SAMPLE_ROWS, WI, WR, build_windows, integrands
 from hubodo.fuse.wheel.window import WINDOW_S, Window, slice_samples
 from hubodo.recording import Table
@@ -54,9 +55,6 @@ _SAMPLES_PER_BLOCK = 4096
 """Samples per block, so that its intermediate arrays fit into the processor's cache."""
 
 
-_Row = tuple[float, ...]
-
-
 @dataclass
 class WindowBuilder:
     """A cutter of one node's samples into windows that do not depend on how samples are split into blocks.
@@ -64,7 +62,7 @@ class WindowBuilder:
     Integrals run over the linear interpolation from the first sample after a pause; a window is the
     difference of two of them. Sums are made sequentially, as in a live run. No windows cover a pause (a gap
     longer than MAX_BRIDGED_GAP). The first sample after a pause counts once a second one follows, because a
-    single wrong time stamp is no pause.
+    single wrong time stamp is no pause. Samples after a jump of the rate count once it has stayed.
 
     Attributes
     ----------
@@ -81,9 +79,11 @@ class WindowBuilder:
     n_rejected: int = 0
     _edge: int = -(1 << 62)  # the first sample sets it; times may be negative
     _time: list[float] = field(default_factory=list)
-    _rows: list[_Row] = field(default_factory=list)
+    _rows: list[SampleRow] = field(default_factory=list)
     _newest: float | None = None
-    _pending_sample: tuple[float, _Row] | None = None
+    _accepted: float | None = None
+    _glitches: GlitchFilter = field(default_factory=GlitchFilter)
+    _pending_sample: tuple[float, SampleRow] | None = None
     _last_integrals: tuple[Array, Array, Array] | None = None
     _edge_values: Array | None = None
     _sample_rows: tuple[Array, Array] | None = None
@@ -91,32 +91,59 @@ class WindowBuilder:
     @property
     def newest_t(self) -> float | None:
         """Return the time of the newest accepted sample, s."""
-        return self._newest
+        return self._accepted
+
+    @property
+    def n_glitches(self) -> int:
+        """Return the number of rejected samples whose rate jumped and returned."""
+        return self._glitches.n_rejected
 
     def add(
         self, t: float, gyro: tuple[float, ...], accel: tuple[float, ...], beyond_range: float = 0.0
     ) -> list[Window]:
         """Add one sample and return the windows it completes.
 
-        A sample whose time does not increase, or that jumps ahead without a successor, is counted and left
-        out. beyond_range: 1.0 where a second accelerometer replaced saturated values.
+        A sample whose time does not increase, or that jumps ahead without a successor, or whose rate jumps
+        and returns, is counted and left out. beyond_range: 1.0 where a second accelerometer replaced
+        saturated values.
         """
         row = (*gyro, *accel, beyond_range)
-        if self._newest is None or 0.0 < t - self._newest <= MAX_BRIDGED_GAP:
+        if self._newest is None:
+            return self._start(t, row)
+        if 0.0 < t - self._newest <= MAX_BRIDGED_GAP:
             # The pending sample that jumped ahead has no successor.
             self.n_rejected += self._pending_sample is not None
             self._pending_sample = None
-            return self._append_sample(t, row)
+            return self._continue(t, row)
         if t <= self._newest:
             self.n_rejected += 1
             return []
         if self._pending_sample is not None and 0.0 < t - self._pending_sample[0] <= MAX_BRIDGED_GAP:
             pending, self._pending_sample = self._pending_sample, None
             self._restart()
-            return [*self._append_sample(*pending), *self._append_sample(t, row)]
+            return [*self._start(*pending), *self._continue(t, row)]
         self.n_rejected += self._pending_sample is not None
         self._pending_sample = t, row
         return []
+
+    def _start(self, t: float, row: SampleRow) -> list[Window]:
+        """Add the first sample, or the first one after a pause."""
+        self._newest = t
+        n_before = self._glitches.n_rejected
+        self._glitches.restart(row)
+        self.n_rejected += self._glitches.n_rejected - n_before
+        return self._append_sample(t, row)
+
+    def _continue(self, t: float, row: SampleRow) -> list[Window]:
+        """Add a sample without a pause before it, and those after a jump of the rate that it confirms."""
+        assert self._newest is not None and self._accepted is not None
+        n_before = self._glitches.n_rejected
+        accepted = self._glitches.add(t - self._newest, t, row)
+        self.n_rejected += self._glitches.n_rejected - n_before
+        self._newest = t
+        if accepted and accepted[0][0] - self._accepted > MAX_BRIDGED_GAP:
+            self._restart()
+        return [window for sample in accepted for window in self._append_sample(*sample)]
 
     def add_many(
         self, t: Array, gyro: Array, accel: Array, beyond_range: Array | None = None
@@ -129,13 +156,13 @@ class WindowBuilder:
         beyond_range = np.zeros(len(t)) if beyond_range is None else beyond_range
         position, count = 0, len(t)
         while position < count:
-            n_unbroken = self._count_unbroken(t[position:])
+            n_unbroken = self._count_unbroken(t[position:], gyro[position:])
             if n_unbroken:
                 block = slice(position, position + n_unbroken)
                 windows += self._append_samples(t[block], gyro[block], accel[block], beyond_range[block])
                 position += n_unbroken
-            # Samples after a gap are processed one by one.
-            while position < count and not self._is_continuous(float(t[position])):
+            # Samples after a gap or a jump are processed one by one.
+            while position < count and not self._is_smooth(float(t[position]), gyro[position].tolist()):
                 windows += self.add(
                     float(t[position]),
                     tuple(gyro[position].tolist()),
@@ -145,17 +172,20 @@ class WindowBuilder:
                 position += 1
         return windows
 
-    def _is_continuous(self, t: float) -> bool:
-        """Return True if a sample at `t` continues the record and no other sample is pending."""
-        is_continuous = self._newest is None or 0.0 < t - self._newest <= MAX_BRIDGED_GAP
-        return is_continuous and self._pending_sample is None
+    def _is_smooth(self, t: float, gyro: list[float]) -> bool:
+        """Return True if a sample at `t` continues the record without a jump, and no other is pending."""
+        if self._newest is None:
+            return True
+        step = t - self._newest
+        is_continuous = 0.0 < step <= MAX_BRIDGED_GAP and self._pending_sample is None
+        return is_continuous and self._glitches.is_smooth(step, gyro)
 
-    def _count_unbroken(self, t: Array) -> int:
-        """Return the number of leading samples without a gap."""
-        if not self._is_continuous(float(t[0])):
+    def _count_unbroken(self, t: Array, gyro: Array) -> int:
+        """Return the number of leading samples without a gap or a jump."""
+        if not self._is_smooth(float(t[0]), gyro[0].tolist()):
             return 0
         steps = np.diff(t)
-        broken = np.flatnonzero(~((steps > 0.0) & (steps <= MAX_BRIDGED_GAP)))
+        broken = np.flatnonzero(~((steps > 0.0) & (steps <= MAX_BRIDGED_GAP)) | find_jumps(t, gyro))
         return int(broken[0]) + 1 if len(broken) else len(t)
 
     def _restart(self) -> None:
@@ -163,8 +193,8 @@ class WindowBuilder:
         self._time, self._rows = [], []
         self._last_integrals = self._edge_values = None
 
-    def _append_sample(self, t: float, row: _Row) -> list[Window]:
-        self._newest = t
+    def _append_sample(self, t: float, row: SampleRow) -> list[Window]:
+        self._accepted = t
         self._time.append(t)
         self._rows.append(row)
         is_incomplete = self._last_integrals is not None and t < self.start + self._edge * WINDOW_S
@@ -176,7 +206,8 @@ class WindowBuilder:
         return self._integrate(time, rows[:, :3], rows[:, 3:6], rows[:, 6])
 
     def _append_samples(self, t: Array, gyro: Array, accel: Array, beyond_range: Array) -> list[Window]:
-        self._newest = float(t[-1])
+        self._newest = self._accepted = float(t[-1])
+        self._glitches.restart(tuple(gyro[-1].tolist()))
         if self._time:
             pending_rows = np.array(self._rows)
             t = np.concatenate([self._time, t])
