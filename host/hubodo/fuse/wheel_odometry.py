@@ -158,7 +158,7 @@ def _run_wheel_filter(
         filter_lag = math.inf if for_graph and lag == 0.0 else lag
         result = run_wheel_filter(config, used_nodes, filter_lag, speeds)
     except ValueError as error:
-        raise InputError(f"{log}: {error}") from None
+        raise InputError("; ".join([f"{log}: {error}", *screenings])) from None
     report = result.report.as_json()
     report["ranges"] = {name: ranges[name].as_json() for name in names}
     range_warnings = tuple(f"{name}: {line}" for name in names for line in ranges[name].warnings)

@@ -40,3 +40,9 @@ def test_wheel_speeds_alone_give_a_track():
     assert odometry.nodes == () and odometry.details["distance"] == pytest.approx(11.0)
     assert odometry.track.heading[-1] == pytest.approx(4.0)
     assert odometry.track.yaw_rate == pytest.approx(np.append(0.0, np.full(len(odometry.track.t) - 1, 0.4)))
+
+
+def test_the_error_of_a_log_without_usable_samples_gives_the_cause():
+    frozen = Table({**NODE.columns, "gz": np.full(len(T), 5.0), "ax": np.full(len(T), 9.8)})
+    with pytest.raises(InputError, match="nothing to filter; left: from .* not one bit .* it froze"):
+        compute_wheel_odometry(Recording({"left": frozen}), VEHICLE, log="log")

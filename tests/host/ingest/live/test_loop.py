@@ -54,7 +54,7 @@ def pieces(tmp_path_factory):
     for name, rules in (("cut", {"rotate_after": 5.0}), ("whole", {})):
         out, computer = tmp_path_factory.mktemp(name) / "drive.mcap", VirtualComputer()
         computer._now_ns = 1_774_000_000 * NS_PER_S
-        rows = [(0, 0, 3000 + k % 7, 0, 2048, 0) for k in range(64)]
+        rows = [(0, 0, 3000 + k % 7, 0, 2048, 0) for k in range(2048)]
         with (
             FakeNode(
                 node_id=1, rate_hz=104, bias_q12=(9, 9, 9), rows=rows, seed=1, computer=computer
