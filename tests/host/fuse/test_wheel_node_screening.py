@@ -19,10 +19,10 @@ def node_table(t, gyro=None, accel=None):
 
 
 def frozen_node(repeats, first=50, count=300):
-    """Return a node whose sample `first` is repeated that many times."""
+    """Return a node whose sample `first` is repeated that many times, with rates of 0.1 rad/s."""
     t = np.arange(count) * STEP
     table = node_table(t)
-    rows = np.hstack([table.gyro, table.accel])
+    rows = np.hstack([0.1 * table.gyro, table.accel])
     rows[first + 1 : first + 1 + repeats] = rows[first]
     return node_table(t, rows[:, :3], rows[:, 3:])
 

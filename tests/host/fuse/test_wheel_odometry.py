@@ -43,6 +43,7 @@ def test_wheel_speeds_alone_give_a_track():
 
 
 def test_the_error_of_a_log_without_usable_samples_gives_the_cause():
-    frozen = Table({**NODE.columns, "gz": np.full(len(T), 5.0), "ax": np.full(len(T), 9.8)})
-    with pytest.raises(InputError, match="nothing to filter; left: from .* not one bit .* it froze"):
+    t = np.arange(0.0, 10.0, 0.01)
+    frozen = Table({"t": t, **{name: np.full(len(t), 5.0) for name in ("gx", "gy", "gz", "ax", "ay", "az")}})
+    with pytest.raises(InputError, match=r"nothing to filter; left: from .* not one bit .* it froze"):
         compute_wheel_odometry(Recording({"left": frozen}), VEHICLE, log="log")

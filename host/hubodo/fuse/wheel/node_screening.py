@@ -130,8 +130,8 @@ def _find_frozen(table: Table, others: list[Table]) -> NDArray[np.bool_]:
         start_t, end_t = table.t[first], table.t[end - 1]
         if end_t - start_t < _MIN_FROZEN_S:
             continue
-        if (end - start) * np.linalg.norm(table.gyro[first]) > _MIN_FROZEN_TURN:
-            mask[first : last + 1] = True
+        if (end_t - start_t) * np.linalg.norm(table.gyro[first]) > _MIN_FROZEN_TURN:
+            mask[first:end] = True
         for other in others:
             is_simultaneous = (other.t >= start_t) & (other.t <= end_t)
             if (
