@@ -63,7 +63,7 @@ def test_glitches_cost_samples_but_no_accuracy_in_bulk_and_live():
     for seed in (1, 2):
         columns = damaged(seed)
         bulk, live, poses = WheelFilter(config(SHORT)), WheelFilter(config(SHORT)), []
-        bulk_poses = [*bulk.handle_many(columns).poses, *bulk.finish().poses]
+        bulk_poses = [*bulk.handle_blocks(columns).poses, *bulk.finish().poses]
         for sample in samples_in_time_order(columns):
             poses += live.handle(sample).poses
         poses += live.finish().poses

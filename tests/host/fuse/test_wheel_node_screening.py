@@ -31,7 +31,7 @@ def rotating_node(size, axis=2, step=STEP):
     """Return a node of a wheel whose rate alternates by ± `size` rad/s about a mean."""
     t = np.arange(round(300 * STEP / step)) * step
     gyro = np.zeros((len(t), 3))
-    gyro[:, axis] = 4.0 + size * (-1.0) ** np.arange(len(t))
+    gyro[:, axis] = 0.4 + size * (-1.0) ** np.arange(len(t))
     return node_table(t, gyro)
 
 

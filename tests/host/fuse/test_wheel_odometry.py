@@ -43,7 +43,10 @@ def test_wheel_speeds_alone_give_a_track():
 
 
 def test_the_error_of_a_log_without_usable_samples_gives_the_cause():
+    """The left node froze with the first sample, while the right one turned; that one has six samples."""
     t = np.arange(0.0, 10.0, 0.01)
-    frozen = Table({"t": t, **{name: np.full(len(t), 5.0) for name in ("gx", "gy", "gz", "ax", "ay", "az")}})
+    names = ("gx", "gy", "gz", "ax", "ay", "az")
+    frozen = Table({"t": t, **{name: np.full(len(t), 5.0) for name in names}})
+    short = Table({"t": t[101:107], **{name: np.arange(6.0) for name in names}})
     with pytest.raises(InputError, match=r"nothing to filter; left: from .* not one bit .* it froze"):
-        compute_wheel_odometry(Recording({"left": frozen}), VEHICLE, log="log")
+        compute_wheel_odometry(Recording({"left": frozen, "right": short}), VEHICLE, log="log")

@@ -32,8 +32,11 @@ _MIN_OTHER_RATE_SPREAD = 0.1
 A thousand times the noise of an LSM6DS33 sample.
 """
 
+_MIN_SIMULTANEOUS_SAMPLES = 3
+"""Samples of a node meanwhile that show whether it turned."""
+
 _MIN_FROZEN_TURN = 2.0
-"""rad that a wheel turns by its repeated rate; gravity would change its direction meanwhile."""
+"""rad that a wheel turned by its mean rate meanwhile; gravity then changes its direction."""
 
 _CROWDED_RUN_SAMPLES, _CROWDED_DURATION_SHARE = 20, 0.6
 """Number of samples, and the share of their usual duration below which they come from two interleaved
@@ -118,25 +121,27 @@ def find_own_gaps(tables: Sequence[Table]) -> list[list[float]]:
 
 
 def _find_frozen(table: Table, others: list[Table]) -> NDArray[np.bool_]:
-    """Return a mask (N,) of samples repeated for `_MIN_FROZEN_S` s or longer while a node rotates.
+    """Return a mask (N,) of samples repeated for `_MIN_FROZEN_S` s or longer while a wheel turns.
 
-    A noise-free simulation at standstill repeats samples too; there both wheels stand still. A logger that
-    repeats its last message freezes both; their own rate then shows that they rotate.
+    A noise-free simulation at standstill repeats samples too; there all wheels stand still. A logger that
+    repeats its last messages freezes all nodes; their repeated rates then show that they turned, unless most
+    of the samples are repeated, as in the test of a link.
     """
     mask = np.zeros(len(table), np.bool_)
     rows = np.hstack([table.gyro, table.accel])
     is_repeated = np.append(False, (rows[1:] == rows[:-1]).all(axis=1))
+    usually_changes = np.count_nonzero(is_repeated) < 0.5 * len(table)
     for first, end in find_runs(is_repeated):
         start_t, end_t = table.t[first], table.t[end - 1]
         if end_t - start_t < _MIN_FROZEN_S:
             continue
-        if (end_t - start_t) * np.linalg.norm(table.gyro[first]) > _MIN_FROZEN_TURN:
-            mask[first:end] = True
-        for other in others:
-            is_simultaneous = (other.t >= start_t) & (other.t <= end_t)
-            if (
-                np.count_nonzero(is_simultaneous) > 2
-                and other.gyro[is_simultaneous].std(axis=0).max() > _MIN_OTHER_RATE_SPREAD
+        for other in [table, *others]:
+            gyro = other.gyro[(other.t >= start_t) & (other.t <= end_t)]
+            if len(gyro) < _MIN_SIMULTANEOUS_SAMPLES:
+                continue
+            angle = (end_t - start_t) * float(np.linalg.norm(gyro.mean(axis=0)))
+            if gyro.std(axis=0).max() > _MIN_OTHER_RATE_SPREAD or (
+                usually_changes and angle > _MIN_FROZEN_TURN
             ):
                 mask[first:end] = True
     return mask
