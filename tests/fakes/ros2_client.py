@@ -33,7 +33,7 @@ from ros2_subscriber import (
 )
 
 CLIENT = 0x0123456789ABCDEF
-TIMEOUT_S = 5.0
+TIMEOUT_S = 300.0
 
 
 @dataclass

@@ -2,10 +2,10 @@
 
     python tests/fakes/ros2_publisher.py DOMAIN PLAN.json
 
-The plan is a list of `[delay, topic, kind, values]`: a message is sent `delay` seconds after a line on the
-standard input, with that time as its stamp, plus `stamp` of the values, or with `stamp_s`. The kind is
-imu (gyro, accel, variances), joints (names, velocity), twist (speed, yaw_rate), fix (latitude, longitude,
-sigma), or gone: the writer of the topic ends.
+The plan is a list of `[delay, topic, kind, values]`: a message is sent `delay` seconds after every topic has
+a subscriber, with that time as its stamp, plus `stamp` of the values, or with `stamp_s`. The kind is imu
+(gyro, accel, variances), joints (names, velocity), twist (speed, yaw_rate), fix (latitude, longitude, sigma),
+or gone: the writer of the topic ends.
 """
 
 import json
@@ -98,7 +98,8 @@ def main():
             described = Topic(participant, f"rt{topic}", TYPES[kind])
             writers[topic] = DataWriter(participant, described, QOS)
     print("ready", flush=True)
-    sys.stdin.readline()
+    while not all(writer.get_matched_subscriptions() for writer in writers.values()):
+        time.sleep(0.01)
     start, start_ns = time.monotonic(), time.time_ns()
     for delay, topic, kind, values in plan:
         time.sleep(max(start + delay - time.monotonic(), 0.0))

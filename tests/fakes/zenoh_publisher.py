@@ -29,7 +29,7 @@ def main():
         publisher = session.declare_publisher(f"7/{TOPIC}/{IMU}")
         print("ready", flush=True)
         sys.stdin.readline()
-        end = time.monotonic() + 5.0
+        end = time.monotonic() + 300.0
         while not publisher.matching_status.matching and time.monotonic() < end:
             time.sleep(0.01)
         for number, payload in enumerate(payloads, 1):

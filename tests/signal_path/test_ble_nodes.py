@@ -46,7 +46,7 @@ def test_two_nodes_are_recorded_through_an_outage_and_what_it_cost_is_counted(tm
         with RecorderThread(log, *ports, key_file=str(ring.path), wait=True) as recorder:
             until(lambda: min(node.stats["t"] for node in nodes) > SECONDS)
             recorder.stop.set()
-            recorder.thread.join(30)
+            recorder.thread.join(300)
         truths = [node.chip.truth() for node in nodes]
     recording = read_recording(log)
     assert set(recording.nodes) == {"left", "right"}

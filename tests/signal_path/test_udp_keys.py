@@ -75,7 +75,7 @@ def test_nodes_of_one_id_are_recorded_separately_and_replayed_or_unkeyed_data_is
         with nodes[0], nodes[1]:
             until(lambda: min(node.stats["t"] for node in nodes) > SECONDS)
             recorder.stop.set()
-            recorder.thread.join(30)
+            recorder.thread.join(300)
             truths = [node.chip.truth() for node in nodes]
     between.ended = True
     judge(log, truths)

@@ -97,7 +97,7 @@ def test_a_driver_that_reads_an_unknown_register_ends_the_run_with_a_name(tmp_pa
         host=Host("memory"),
     )
     with node, pytest.raises(ChipAccessError, match="0x2F"):
-        node.wait(20)
+        node.wait(300)
 
 
 def test_the_flash_contains_the_firmware_byte_by_byte(tmp_path: Path) -> None:

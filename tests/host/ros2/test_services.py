@@ -77,8 +77,7 @@ def test_services_are_called_over_zenoh_and_listed_in_the_graph() -> None:
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as client:
         assert client.stdout is not None and client.stdout.readline() == "ready\n"
         with served("zenoh", Ros2Config(domain=7, router=f"tcp/127.0.0.1:{port}")) as requests:
-            time.sleep(0.3)  # for the connection of the session
-            other = json.loads(client.communicate("\n", timeout=20)[0])
+            other = json.loads(client.communicate("\n", timeout=600)[0])
     assert [type(request) for request in requests] == [FindBias]
     ((key, payload, attachment),) = other["replies"]
     assert key.startswith("7/hubodo/find_bias/std_srvs::srv::dds_::Trigger_/RIHS01_eeff2cd6")

@@ -26,7 +26,7 @@ class Terminal:
 
     def show_notice(self, notice: object) -> None:
         self.blocked.set()
-        self.released.wait(30.0)
+        self.released.wait(300.0)
         self.calls.append(notice)
         if notice == "last":
             self.finished.set()
@@ -54,7 +54,7 @@ def test_a_blocked_terminal_delays_nobody_and_snapshots_are_skipped_for_notices(
     terminal.released.clear()
     with _view(terminal)[0] as view:
         view.show_notice("first")
-        assert terminal.blocked.wait(30.0)
+        assert terminal.blocked.wait(300.0)
         for _ in range(200):
             view.show(SNAPSHOT)  # type: ignore[arg-type]
         view.show_notice("last")
@@ -68,12 +68,12 @@ def test_lines_that_a_blocked_terminal_dropped_are_counted_once() -> None:
     terminal.released.clear()
     with _view(terminal)[0] as view:
         view.show_notice("first")
-        assert terminal.blocked.wait(30.0)
+        assert terminal.blocked.wait(300.0)
         for k in range(view_thread._MAX_WAITING_LINES + 4):
             view.show_notice(k)  # type: ignore[arg-type]
         view.show_notice("last")
         terminal.released.set()
-        assert terminal.finished.wait(30.0)
+        assert terminal.finished.wait(300.0)
     counted = [call for call in terminal.calls if isinstance(call, str) and "dropped" in call]
     assert len(counted) == 1 and counted[0].startswith("5 lines were dropped")
     assert terminal.calls[-3:] == [view_thread._MAX_WAITING_LINES + 3, "last", "exit"]

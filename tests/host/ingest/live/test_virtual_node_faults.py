@@ -82,7 +82,7 @@ def test_ten_unplugs_one_percent_of_damage_and_a_reset_of_the_real_firmware_are_
                 until(lambda: batches(node) >= before + 4)  # noqa: B023 called at once
         time.sleep(0.5)
         stop.set()
-        recorder.join(20)
+        recorder.join(300)
         came = [data for data, _ in received_frames(node)]
         truth = node.chip.truth()
     assert results

@@ -41,9 +41,9 @@ def topic_link(port, topic=PORT):
 
 def reports_until(reports, kind):
     """Return the reports up to the first of a kind."""
-    received = [reports.get(timeout=10)]
+    received = [reports.get(timeout=300)]
     while not isinstance(received[-1], kind):
-        received.append(reports.get(timeout=10))
+        received.append(reports.get(timeout=300))
     return received
 
 
@@ -70,7 +70,7 @@ def test_messages_arrive_unaltered_and_the_link_is_up_while_there_is_a_publisher
             wrong.stop()
             driver.stdin.write("\n")
             driver.stdin.flush()
-            received = [reports.get(timeout=10) for _ in payloads]
+            received = [reports.get(timeout=300) for _ in payloads]
             assert all(isinstance(report, TopicMessage) for report in received)
             assert [report.payload for report in received] == payloads
             driver.stdin.write("\n")
