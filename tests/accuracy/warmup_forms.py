@@ -3,6 +3,7 @@
 python tests/accuracy/warmup_forms.py [SEEDS]
 
 An hour from power-on is recorded; the bias is forecast half an hour, one hour and three hours after its end.
+"stated form": the forecast with the form stated as one or two exponentials, where that is true.
 Columns: rms error in deg/h, and the share of errors within 1 and 2 of their sigma. "exponential at its word"
 is the fit of eq. 1 of Barshan and Durrant-Whyte with the sigma that assumes this form; "last minutes" is the
 baseline without a model: the mean of the last five minutes, held for ever.
@@ -27,7 +28,7 @@ HALF = 30
 """s; a bias is the mean over a minute."""
 
 
-def one(form, added, seed):
+def one(form, added, seed, *, with_stated=False):
     """Return errors (3,) and sigmas (3,), deg/s, by method, of which one needs an accepted model."""
     rng = np.random.default_rng([seed, warm_ups.FORMS.index(form), warm_ups.ADDED.index(added)])
     t, bias, temperature = warm_ups.warm_up(form, added, AGES[-1] + HALF + 1, rng)
@@ -35,10 +36,15 @@ def one(form, added, seed):
     output = (bias[current] + rng.normal(0.0, warm_ups.NOISE, RECORD)) * DEG
     warm = None if temperature is None else temperature[current]
     report = characterise_warmup(t[current], output, "gz", temperature=warm)
+    stated = {"one exponential": "exponential"}.get(form, form if form == "two exponentials" else None)
     later = None if temperature is None else temperature[AGES]
     truth = np.array([bias[a - HALF : a + HALF].mean() for a in AGES])
     mean, sigma = report.forecast.predict(AGES.astype(float), later)
     produced = {"forecast": (mean / DEG - truth, sigma / DEG)}
+    if with_stated and stated is not None:
+        believed = characterise_warmup(t[current], output, "gz", form=stated)
+        mean, sigma = believed.forecast.predict(AGES.astype(float))
+        produced["stated form"] = (mean / DEG - truth, sigma / DEG)
     if report.accepted is not None:
         fit = report.accepted.fit
         value = fit.model.bias(AGES.astype(float), later)
@@ -67,12 +73,10 @@ def in_file(fit, sigma, temperature):
     return np.sqrt(total)
 
 
-def ensemble(form, added, seeds):
+def ensemble(form, added, seeds, *, with_stated=False):
     """Return errors and sigmas by method, (M, 3) each."""
-    rows = [one(form, added, seed) for seed in seeds]
-    ways = sorted(
-        {distance for row in rows for distance in row}, key=list(rows[0]).index if len(rows[0]) == 5 else None
-    )
+    rows = [one(form, added, seed, with_stated=with_stated) for seed in seeds]
+    ways = dict.fromkeys(distance for row in rows for distance in row)
     return {
         distance: tuple(np.array([row[distance][k] for row in rows if distance in row]) for k in (0, 1))
         for distance in ways
@@ -88,11 +92,18 @@ def main(argv=None):
     print(f"{'':42}" + f"{'deg/h':>11}{'1 sig':>7}{'2 sig':>7}" * 3)
     pulls = {
         distance: []
-        for distance in ("forecast", "accepted model", "file", "exponential at its word", "last minutes")
+        for distance in (
+            "forecast",
+            "stated form",
+            "accepted model",
+            "file",
+            "exponential at its word",
+            "last minutes",
+        )
     }
     for form in warm_ups.FORMS:
         for added in warm_ups.ADDED:
-            output = ensemble(form, added, seeds)
+            output = ensemble(form, added, seeds, with_stated=True)
             print(f"{form}{', ' + added if added else ''}")
             for distance in pulls:
                 if distance not in output:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from hubodo.sensors.allan.result import AllanResult
     from hubodo.sensors.filters.result import FilterComparison
     from hubodo.sensors.standstill_channel import StandstillRecord
+    from hubodo.sensors.warmup.forecast import StatedForm
     from hubodo.sensors.warmup.result import WarmupResult
 
 
@@ -98,6 +99,7 @@ class ChannelMethods:
         channel: str = "gz",
         *,
         age: float = 0.0,
+        form: StatedForm | None = None,
         start: float | None = None,
         end: float | None = None,
         trust_units: bool = False,
@@ -115,6 +117,8 @@ class ChannelMethods:
             `gx`, `gy` or `gz`.
         age : float
             Time since power-on at the first sample, s.
+        form : {"exponential", "two exponentials"}, optional
+            Stated form of the warm-up, which is believed; by default the forecast averages all forms.
         start, end : float, optional
             Span of the log to use, s.
         trust_units : bool
@@ -134,7 +138,7 @@ class ChannelMethods:
 
         _check_gyro_channel(channel)
         standstill = self._standstill(node, channel, start=start, end=end, trust_units=trust_units)
-        return characterise_standstill_warmup(standstill, age=age)
+        return characterise_standstill_warmup(standstill, age=age, form=form)
 
     def filters(
         self,

@@ -46,6 +46,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o", "--output", type=Path, metavar="TOML", help="calibration file to create or extend by this axis"
     )
     parser.add_argument(
+        "--form",
+        choices=("exponential", "two exponentials"),
+        help="stated form of the warm-up, which is believed (default: the forecast averages all forms)",
+    )
+    parser.add_argument(
         "--at",
         type=non_negative_number,
         action="append",
@@ -71,7 +76,7 @@ def run(args: argparse.Namespace) -> WarmupResult:
     """
     standstill = read_standstill(args)
     result = replace(
-        characterise_standstill_warmup(standstill, age=args.age),
+        characterise_standstill_warmup(standstill, age=args.age, form=args.form),
         ages=tuple(args.at),
         log=str(args.log),
         output=None if args.output is None else str(args.output),

@@ -67,7 +67,7 @@ RUNS: tuple[Run, ...] = (
     *_logs("warmup", "", 2, "too short for a warm-up"),
     Run(
         f"warmup rest.mcap --node left --channel gx --force {_STILL} --age 1 --at 60 -o out-{{n}}.toml "
-        "--figure out-{n}.svg --report out-{n}.html --units common",
+        "--form exponential --figure out-{n}.svg --report out-{n}.html --units common",
         2,
         "too short for a warm-up",
     ),

@@ -20,6 +20,7 @@ from hubodo.sensors.warmup.assess import (
     select_next_model,
 )
 from hubodo.sensors.warmup.fit import WarmupFit, fit_warmup
+from hubodo.sensors.warmup.forecast import StatedForm
 from hubodo.sensors.warmup.result import WarmupResult, next_model_reason
 
 # A warm-up is slow, so a few thousand block means hold all information about it.
@@ -28,7 +29,9 @@ _MIN_DURATION_S = 60.0
 _MIN_SIGNIFICANCE_SIGMA = 4.0
 
 
-def characterise_standstill_warmup(standstill: StandstillRecord, *, age: float = 0.0) -> WarmupResult:
+def characterise_standstill_warmup(
+    standstill: StandstillRecord, *, age: float = 0.0, form: StatedForm | None = None
+) -> WarmupResult:
     """Model the warm-up of a checked gyro axis, as `characterise_warmup`; errors name the log."""
     try:
         return characterise_warmup(
@@ -39,6 +42,7 @@ def characterise_standstill_warmup(standstill: StandstillRecord, *, age: float =
             age=age,
             temperature_step=standstill.temperature_step,
             node=standstill.node,
+            form=form,
         )
     except InputError as error:
         raise InputError(f"{standstill.source}: {error}") from None
@@ -53,19 +57,15 @@ def characterise_warmup(
     age: float = 0.0,
     temperature_step: TemperatureStep | None = None,
     node: str = "",
+    form: StatedForm | None = None,
 ) -> WarmupResult:
     """Fit C1 (1 - e^(-t/T)) + C2 to a stationary gyro axis and test it (Barshan, Durrant-Whyte, eq. 1 to 4).
 
     t: (N,) s. values: (N,) rad/s. temperature: (N,) °C or None. age: time since power-on at the first
-    sample, s. node: name of the node. Raises InputError if the record is too short or constant, or contains
-    a temperature step.
+    sample, s. node: name of the node. form: stated form of the forecast; None averages all. Raises InputError
+    if the record is too short or constant, or contains a temperature step.
     """
-    if temperature_step is not None:
-        raise InputError(
-            f"the temperature steps by {temperature_step.change:+.2f} °C at {temperature_step.t:.6g} s, "
-            f"and a warm-up fitted across it would measure the room; use --end {temperature_step.t:.6g} "
-            "for the part before it, or record at constant temperature"
-        )
+    _refuse_temperature_step(temperature_step)
     record = place_on_grid(t, values)
     if record.duration < _MIN_DURATION_S or len(t) < _MIN_BLOCK_MEANS:
         raise InputError(
@@ -109,7 +109,17 @@ def characterise_warmup(
         tuple(notes),
         node,
         rounding=rounding,
+        form=form,
     )
+
+
+def _refuse_temperature_step(step: TemperatureStep | None) -> None:
+    if step is not None:
+        raise InputError(
+            f"the temperature steps by {step.change:+.2f} °C at {step.t:.6g} s, and a warm-up fitted across "
+            f"it would measure the room; use --end {step.t:.6g} for the part before it, or record at "
+            "constant temperature"
+        )
 
 
 def _note_on_rounding(step: float, rounding: float, means: Array) -> list[str]:

@@ -12,6 +12,7 @@ import itertools
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from scipy.linalg import cho_solve
@@ -26,6 +27,8 @@ from hubodo.sensors.warmup.forms import (
     temperature_powers,
 )
 
+StatedForm = Literal["exponential", "two exponentials"]
+"""A form that the user states, in place of the average of all."""
 SIGMA_HORIZON_S = 3.0 * 3600.0
 """The sigmas of an accepted model hold up to this time beyond the record, s."""
 _FORECAST_MEANS = 160
@@ -124,6 +127,7 @@ def forecast_inflation(
     temperature: Array | None,
     initial_constants: tuple[float, ...],
     temperature_order: int = 1,
+    stated_form: StatedForm | None = None,
 ) -> float:
     """Return the rms error of forecasts of the rest of the record from its first part, in sigma; at least 1.
 
@@ -133,7 +137,7 @@ def forecast_inflation(
     return max(
         1.0,
         *(
-            _rms_of_forecast(t, means, temperature, initial_constants, share, temperature_order)
+            _rms_of_forecast(t, means, temperature, initial_constants, share, temperature_order, stated_form)
             for share in _KNOWN_SHARES
         ),
     )
@@ -146,6 +150,7 @@ def _rms_of_forecast(
     initial_constants: tuple[float, ...],
     share: float,
     temperature_order: int,
+    stated_form: StatedForm | None,
 ) -> float:
     """Return the rms error, in sigma, of the thirds of what follows a share of the record; 0 if too short."""
     known = t <= t[0] + share * (t[-1] - t[0])
@@ -158,6 +163,7 @@ def _rms_of_forecast(
         initial_constants,
         n_means=_CHECK_MEANS,
         temperature_order=temperature_order,
+        stated_form=stated_form,
     )
     pulls = []
     for part in np.array_split(np.flatnonzero(~known), 3):
@@ -175,11 +181,13 @@ def fit_forecast(
     initial_constants: tuple[float, ...],
     n_means: int = _FORECAST_MEANS,
     temperature_order: int = 1,
+    stated_form: StatedForm | None = None,
 ) -> BiasForecast:
     """Fit all forms to means (N,) rad/s at ages t (N,) s, and weight them by their evidence.
 
     temperature: (N,) °C or None. initial_constants: two initial time constants, s. n_means: number of means
-    that they are averaged to. temperature_order: order of the polynomial in the temperature.
+    that they are averaged to. temperature_order: order of the polynomial in the temperature. stated_form:
+    the only form, which is then believed: its sigma has the slow noise that the record shows.
     """
     size = max(1, len(t) // n_means)
     count = len(t) // size * size
@@ -190,7 +198,8 @@ def fit_forecast(
     t, means = block_means(t), block_means(means)
     temperatures = None if temperature is None else block_means(temperature)
     fitted = [
-        fit_form(name, t, means, temperatures, initial_constants, temperature_order) for name in WARMUP_FORMS
+        fit_form(name, t, means, temperatures, initial_constants, temperature_order)
+        for name in (WARMUP_FORMS if stated_form is None else (stated_form,))
     ]
     # The prior weight of a form does not depend on the number of noise levels it was fitted with.
     forms = tuple(itertools.chain(*fitted))
@@ -203,7 +212,8 @@ def fit_forecast(
         ]
     )
     quiet = np.array([form.is_quiet for form in forms])
-    weights = _normalised(np.where(quiet, -np.inf, log_weights))
+    quiet_prior = -np.inf if stated_form is None else _QUIET_LOG_PRIOR
+    weights = _normalised(log_weights + np.where(quiet, quiet_prior, 0.0))
     simplicity = np.array([math.log(_SIMPLICITY_WEIGHTS[form.name]) for form in forms])
     mean_weights = _normalised(log_weights + simplicity + np.where(quiet, _QUIET_LOG_PRIOR, 0.0))
     used = np.maximum(weights / weights.max(), mean_weights / mean_weights.max()) > _MIN_RELATIVE_WEIGHT

@@ -153,6 +153,15 @@ def _advice(result: WarmupResult) -> list[str]:
     return lines
 
 
+def _describe_forecast(result: WarmupResult) -> str:
+    if result.form is not None:
+        return f"Of the stated form, {result.form}, with the slow noise of the bias that the record shows."
+    return (
+        "Averaged over one exponential, two, and mixtures of many, each weighted by its evidence in the "
+        "record; includes flicker and random walk of the bias."
+    )
+
+
 def _temperature_sections(result: WarmupResult) -> list[Section]:
     """Return the section with the rate against the temperature, if the record has one that changes."""
     if result.mean_temperatures is None or float(np.ptp(result.mean_temperatures)) < _MIN_SHOWN_SPAN:
@@ -178,8 +187,7 @@ def warmup_sections(result: WarmupResult) -> list[Section]:
         Section("Warm-up", notes, tables, [render_drawing(lambda: warmup_figure(result, ""))]),
         Section(
             "Forecast of the bias",
-            "Averaged over one exponential, two, and mixtures of many, each weighted by its evidence in the "
-            "record; includes flicker and random walk of the bias.",
+            _describe_forecast(result),
             [PageTable(forecast_headings(), forecast_rows(result))],
         ),
         *_temperature_sections(result),

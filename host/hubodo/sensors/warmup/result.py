@@ -23,7 +23,13 @@ from hubodo.sensors.warmup.bias_method import BiasMethodChoice, choose_bias_meth
 from hubodo.sensors.warmup.effects import effects_of_fit
 from hubodo.sensors.warmup.figure import warmup_figure
 from hubodo.sensors.warmup.fit import WarmupFit
-from hubodo.sensors.warmup.forecast import SIGMA_HORIZON_S, BiasForecast, fit_forecast, forecast_inflation
+from hubodo.sensors.warmup.forecast import (
+    SIGMA_HORIZON_S,
+    BiasForecast,
+    StatedForm,
+    fit_forecast,
+    forecast_inflation,
+)
 from hubodo.sensors.warmup.hysteresis import Hysteresis, find_hysteresis
 from hubodo.sensors.warmup.page import (
     TEST_HEADINGS,
@@ -78,6 +84,8 @@ class WarmupResult:
         Path of the log and of the calibration file in the result of the verb.
     rounding : float
         1σ of the error of all means that rounding to steps causes, rad/s.
+    form : str or None
+        Form that the user stated, in place of the average of all forms.
     """
 
     channel: str
@@ -96,6 +104,7 @@ class WarmupResult:
     log: str | None = None
     output: str | None = None
     rounding: float = 0.0
+    form: StatedForm | None = None
 
     @property
     def values(self) -> Mapping[str, float]:
@@ -152,9 +161,19 @@ class WarmupResult:
                 initial.append(candidate)
         constants_at_start = (*initial, span / 8.0)[:2]
         forecast = fit_forecast(
-            self.t, self.means, self.mean_temperatures, constants_at_start, temperature_order=order
+            self.t,
+            self.means,
+            self.mean_temperatures,
+            constants_at_start,
+            temperature_order=order,
+            stated_form=self.form,
         )
-        inflation = forecast_inflation(self.t, self.means, self.mean_temperatures, constants_at_start, order)
+        inflation = forecast_inflation(
+            self.t, self.means, self.mean_temperatures, constants_at_start, order, self.form
+        )
+        if self.form is not None and inflation < _NOTED_INFLATION:
+            # The test of three means exceeds 1 by chance; a stated form is doubted only if clearly wrong.
+            inflation = 1.0
         return replace(forecast, rounding=self.rounding, inflation=inflation)
 
     @cached_property
@@ -171,6 +190,12 @@ class WarmupResult:
         """Return the notes, and whether the record forecasts itself."""
         inflation = self.forecast.inflation
         notes = self.notes
+        if self.form is not None:
+            notes = (
+                *notes,
+                f"the form is stated: the sigmas of the forecast are those of {self.form}, with the slow "
+                "noise that the record shows",
+            )
         if self.hysteresis is not None:
             notes = (*notes, self.hysteresis.describe())
         if inflation < _NOTED_INFLATION:
@@ -326,6 +351,7 @@ class WarmupResult:
             "age_at_start": self.age,
             "duration": self.record.duration,
             "residual_noise": fit.noise,
+            "form": self.form,
             "forecast_inflation": self.forecast.inflation,
             "hysteresis": None if self.hysteresis is None else asdict(self.hysteresis),
             "notes": list(self.remarks),
