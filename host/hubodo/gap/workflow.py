@@ -58,6 +58,7 @@ def find_problem_gap(
     *,
     accept: Collection[str] = (),
     reject: Collection[str] = (),
+    has_steady_wheels: bool = False,
     report_progress: ReportProgress = lambda words, share: None,
     journal: Journal | None = None,
 ) -> MissingEffects:
@@ -65,13 +66,15 @@ def find_problem_gap(
 
     accept: effects added before the search starts
     reject: effects not considered
+    has_steady_wheels: True to separate trends of wheel phases from their walks from the start
     report_progress: called with the activity and the completed share, which never decreases
     journal: stores the rounds, and provides those of an interrupted search. With a journal, a
         KeyboardInterrupt ends the search with its intermediate result, if there is one
     """
     report_progress = _hold_share(report_progress)
     report_progress("tracking the wheels", 0.0)
-    initial_state, results = build_initial_state(problem), list[SearchResult]()
+    initial_state = replace(build_initial_state(problem), has_steady_wheels=has_steady_wheels)
+    results = list[SearchResult]()
     observer = SearchObserver(journal or Journal(), report_progress, results.append)
     try:
         results.append(search_effects(initial_state, accept, reject, observer))

@@ -66,6 +66,8 @@ def judge_second_log(
     """
     missing = find_problem_gap(
         second_problem,
+        # The model was fitted with wheels like these; without them a round of the search would repeat.
+        has_steady_wheels=first_fit.state.has_steady_wheels,
         report_progress=lambda words, share: report_progress(
             f"{log_name}, {words}", FIRST_LOG_SHARE + (1.0 - FIRST_LOG_SHARE) * share
         ),

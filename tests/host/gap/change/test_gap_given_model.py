@@ -29,7 +29,7 @@ def first_fit(tmp_path):
     path = tmp_path / "car.toml"
     path.write_text(model_toml(0.3, 1.4), "utf-8")
     problem = SimpleNamespace(model=read_model(path), warnings=("of the first log",))
-    state = SimpleNamespace(terms=(ARM,), problem=problem)
+    state = SimpleNamespace(terms=(ARM,), problem=problem, has_steady_wheels=True)
     return SimpleNamespace(state=state, free_terms=(ARM,), tempering=2.0 * MIN_GIVEN_TEMPERING)
 
 
@@ -46,7 +46,12 @@ def judge(monkeypatch, first_fit):
         rounds = [SimpleNamespace(hypotheses=(hypothesis,), null_distribution=null)]
         search = SimpleNamespace(rounds=rounds)
         missing = SimpleNamespace(found=findings, search=search, model="after", warnings=("of the second",))
-        monkeypatch.setattr(given_model, "find_problem_gap", lambda problem, report_progress: missing)
+
+        def search_second_log(problem, *, has_steady_wheels, report_progress):
+            assert has_steady_wheels is first_fit.state.has_steady_wheels
+            return missing
+
+        monkeypatch.setattr(given_model, "find_problem_gap", search_second_log)
         problem = SimpleNamespace(model=model_of_fit(first_fit))
         return judge_second_log(first_fit, problem, "after", lambda words, share: None)
 
