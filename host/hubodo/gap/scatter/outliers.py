@@ -98,6 +98,9 @@ def detect_outliers(residuals: Sequence[Residual]) -> list[Proposal]:
         if all(entry.has_tail for entry in members_statistics):
             channels = [one for entry in members_statistics for one in entry.channels]
             share, sigma = _fit_beside_tail(channels, share, sigma)
+            if sigma < _OUTLIER_SIGMAS[0]:
+                # Errors no larger than the declared noise are another part of the tail, not outliers.
+                continue
         expected_outliers = max(share * count, 1.0)
         term = ModelTerm(BY_NAME[EFFECT_NAME](probability=share, sigma=sigma), scope)  # type: ignore[call-arg]
         sigmas = {

@@ -51,20 +51,25 @@ def test_the_gain_of_outliers_is_the_log_ratio_of_a_mixture_to_a_gaussian(seed):
     assert proposals[0].gain == pytest.approx(gain, rel=0.02)
 
 
-@pytest.mark.parametrize("share, sigma", [(0.01, 15.0), (0.005, 30.0)])
-@pytest.mark.parametrize("seed", SEEDS)
-def test_outliers_have_one_size_on_a_road_whose_noise_varies(seed, share, sigma):
-    """Noise between a fifth and twice the declared one, and within each level a tail of its own."""
-    rng = np.random.default_rng(seed)
+def draw_road_noise(rng):
+    """Return a residual of noise between a fifth and twice the declared one, and a tail within each level."""
     clean, _ = draw_readings(rng, 6000)
     group = np.arange(6000) // 200 % 6
     levels = np.geomspace(0.2, 2.0, 6)
     spread = np.exp(0.4 * rng.standard_normal(6000))
     y = clean + SIGMA * levels[group] * spread * rng.standard_normal(clean.shape)
+    noise = {"group_sigmas": SIGMA * levels, "group_indices": group.astype(np.uint8)}
+    return clean, y, noise
+
+
+@pytest.mark.parametrize("share, sigma", [(0.01, 15.0), (0.005, 30.0)])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_outliers_have_one_size_on_a_road_whose_noise_varies(seed, share, sigma):
+    rng = np.random.default_rng(seed)
+    clean, y, noise = draw_road_noise(rng)
     y += (rng.random(y.shape) < share) * sigma * SIGMA * rng.standard_normal(y.shape)
     residual = build_residual(y, clean)
-    noise = replace(residual.noise, group_sigmas=SIGMA * levels, group_indices=group.astype(np.uint8))
-    (proposal,) = detect_outliers([replace(residual, noise=noise)])
+    (proposal,) = detect_outliers([replace(residual, noise=replace(residual.noise, **noise))])
     values = proposal.term.effect.values()
     assert values["probability"] == pytest.approx(share, rel=0.2)
     assert values["sigma"] == pytest.approx(sigma, rel=0.15)
@@ -87,6 +92,13 @@ def test_bumps_below_the_declared_noise_are_no_bursts_of_outliers(seed):
     values = proposal.term.effect.values()
     assert values["probability"] == pytest.approx(0.01, rel=0.3)
     assert values["sigma"] == pytest.approx(15.0, rel=0.2)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_tail_of_noise_that_varies_is_no_outlier(seed):
+    clean, y, noise = draw_road_noise(np.random.default_rng(seed))
+    residual = build_residual(y, clean)
+    assert detect_outliers([replace(residual, noise=replace(residual.noise, **noise))]) == []
 
 
 @pytest.mark.parametrize("seed", SEEDS)
