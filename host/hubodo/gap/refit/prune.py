@@ -13,7 +13,7 @@ from hubodo.effects.plausibility import implausible_parameters
 from hubodo.gap.process_noise.residual import compute_gap
 from hubodo.gap.refit.cross_validation import compute_level_scatter, sum_folds
 from hubodo.gap.refit.refit import Refit, compute_model_gain, refit
-from hubodo.gap.state.terms import ModelTerm, terms_of_model
+from hubodo.gap.state.terms import ALL, ModelTerm, terms_of_model
 
 # Total loss in ln likelihood that pruning may cost, in sigma due to a noise level that varies along the
 # drive.
@@ -140,9 +140,9 @@ def _relative_coordinates(fit: Refit) -> Array:
 
 
 def _given_coordinates(fit: Refit, term: ModelTerm) -> Array:
-    """Return the coordinates of an effect in the model file; zeros if it has none."""
-    given = {one.key: one for one in terms_of_model(fit.state.problem.model)}.get(term.key)
-    return np.zeros(len(term.effect.coordinates())) if given is None else given.effect.coordinates()
+    """Return the coordinates of an effect in the model file, of its scope or of all; zeros if it has none."""
+    given = {one.key: one.effect.coordinates() for one in terms_of_model(fit.state.problem.model)}
+    return given.get(term.key, given.get((term.effect.name, ALL), np.zeros(len(term.effect.coordinates()))))
 
 
 def _freeze(term: ModelTerm, fit: Refit, pruned: Collection[int]) -> ModelTerm:

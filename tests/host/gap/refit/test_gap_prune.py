@@ -1,9 +1,15 @@
-"""Backward elimination of coordinates against the loss of a Gaussian without them."""
+"""Backward elimination of coordinates against the loss of a Gaussian without them, and their values."""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from hubodo.gap.refit.prune import _eliminate
+from hubodo.effects import BY_NAME
+from hubodo.gap.refit.prune import _eliminate, _freeze
+from hubodo.gap.state.terms import ModelTerm
+from hubodo.model.model_file import read_model
+from vehicles import model_toml
 
 
 def draw_fit(seed):
@@ -40,3 +46,14 @@ def test_each_coordinate_has_the_budget_of_its_own_channels():
     pruned, loss = _eliminate(range(3), (), covariance, value, np.array([3.0, 40.0, 3.0]))
     assert sorted(pruned) == [1, 2]
     assert loss == pytest.approx(20.0)
+
+
+def test_a_pruned_coordinate_of_one_node_returns_to_the_value_of_all_nodes_in_the_model_file(tmp_path):
+    path = tmp_path / "car.toml"
+    path.write_text(model_toml() + "[effects.gyro_scale_factor]\nx = -0.06\nz = -0.005\n", "utf-8")
+    state = SimpleNamespace(problem=SimpleNamespace(model=read_model(path)))
+    fit = SimpleNamespace(state=state, coordinate_slice=lambda term: slice(0, 3))
+    term = ModelTerm(BY_NAME["gyro_scale_factor"](x=0.02, y=0.01, z=-0.0045), "right")
+    pruned = _freeze(term, fit, {0, 1})
+    assert pruned.effect.values() == pytest.approx({"x": -0.06, "y": 0.0, "z": -0.0045})
+    assert pruned.frozen == (0, 1)
