@@ -40,9 +40,9 @@ def motion_frame(recorder: Recorder, t: float, spins: Mapping[str, float]) -> Fr
         ]
     located = recorder.map.latest
     if located is not None:
-        p = located.pose_covariance[0]
-        x, y = located.position[0].tolist()
-        heading = float(located.heading[0])
+        p = located.row.pose_covariance[0]
+        x, y = located.row.position[0].tolist()
+        heading = float(located.row.heading[0])
         frame["m"] = [round(x, 3), round(y, 3), round(heading, 4), _sigma(p[0, 0] + p[1, 1], 3)]
     return frame
 

@@ -23,8 +23,9 @@ from hubodo.fuse.wheel.config import RADIUS_SIGMAS
 from hubodo.fuse.wheel.entries import GYRO_SCALE_ACROSS, YAW_RATE_FROM_GRAVITY
 from hubodo.fuse.wheel.records import Pose
 from hubodo.fuse.wheel.track import track_from_poses
+from hubodo.ingest.live.odometry_rows import OdometryRows
 from hubodo.log import topics
-from hubodo.log.records import Odometry, Sink, Transform
+from hubodo.log.records import Sink, Transform
 from hubodo.log.timebase import to_seconds
 from hubodo.units import NS_PER_S
 from hubodo.vehicle import Vehicle
@@ -54,38 +55,27 @@ class MapPose:
 
     Attributes
     ----------
-    t_ns, position, heading, speed, yaw_rate, pose_covariance
-        One row of /odom_map, with the shapes (1, ...) of `OdometryRows`.
+    row
+        One row of /odom_map.
     odom_position, odom_heading
         Pose of the odom frame on the map: (1, 2) m and (1,) rad.
     origin_deg
         Latitude and longitude of the map's origin.
     """
 
-    t_ns: NDArray[np.int64]
-    position: Array
-    heading: Array
-    speed: Array
-    yaw_rate: Array
-    pose_covariance: Array
+    row: OdometryRows
     odom_position: Array
     odom_heading: Array
     origin_deg: tuple[float, float]
 
+    @property
+    def t_ns(self) -> NDArray[np.int64]:
+        """Return the host time, (1,)."""
+        return self.row.t_ns
+
     def write(self, sink: Sink, t_log_ns: int) -> None:
         """Write the pose on /odom_map and the transform map → odom on /tf."""
-        odometry = Odometry(
-            self.t_ns,
-            t_log_ns,
-            self.position,
-            self.heading,
-            self.speed,
-            self.yaw_rate,
-            self.pose_covariance,
-            topic=topics.ODOM_MAP,
-            frame="map",
-        )
-        sink.write_record(odometry)
+        sink.write_record(self.row.to_record(t_log_ns, topics.ODOM_MAP, "map"))
         transform = Transform(self.t_ns, t_log_ns, self.odom_position, self.odom_heading, "map", "odom")
         sink.write_record(transform)
 
@@ -138,13 +128,16 @@ class Localizer:
         odom_x, odom_y, odom_heading = pose.published or (pose.x, pose.y, pose.heading)
         rotation = heading - odom_heading
         rotated = cmath.exp(1j * rotation) * complex(odom_x, odom_y)
-        return MapPose(
+        row = OdometryRows(
             np.array([self._t_zero_ns + round(pose.t * NS_PER_S)], np.int64),
             np.array([[x, y]]),
             np.array([heading]),
             np.array([pose.speed]),
             np.array([pose.yaw_rate]),
             state.covariance[None],
+        )
+        return MapPose(
+            row,
             np.array([[x - rotated.real, y - rotated.imag]]),
             np.array([math.remainder(rotation, 2.0 * math.pi)]),
             (self._map.latitude_deg, self._map.longitude_deg),

@@ -97,14 +97,14 @@ def _map_json(recorder: Recorder) -> dict[str, Any] | None:
     fields: dict[str, Any] = {"poses": recorder.map.pose_count, **recorder.map.latency.as_json()}
     if located is not None:
         latitude, longitude = located.origin_deg
-        x, y = located.position[0].tolist()
+        x, y = located.row.position[0].tolist()
         fields |= {
             "latitude_deg": latitude,
             "longitude_deg": longitude,
             "x": x,
             "y": y,
-            "heading": float(located.heading[0]),
-            "sigma": math.sqrt(float(np.trace(located.pose_covariance[0, :2, :2]))),
+            "heading": float(located.row.heading[0]),
+            "sigma": math.sqrt(float(np.trace(located.row.pose_covariance[0, :2, :2]))),
         }
     return fields
 

@@ -63,7 +63,7 @@ def take_snapshot(recorder: Recorder, log: LogStatus, started_ns: int, now_ns: i
             ),
         ),
         _odometry_status(recorder),
-        None if located is None else (float(located.position[0, 0]), float(located.position[0, 1])),
+        None if located is None else (float(located.row.position[0, 0]), float(located.row.position[0, 1])),
         memory_in_use(),
         recorder.bulkheads.fault_counts(),
     )

@@ -6,6 +6,7 @@ import pytest
 from hubodo.ingest.live.live_map import LiveMap
 from hubodo.ingest.live.localizer import MapPose
 from hubodo.ingest.live.localizer_thread import LocalizerOutput
+from hubodo.ingest.live.odometry_rows import OdometryRows
 from hubodo.log import topics
 from hubodo.log.records import EventRecord, LogRecord, Odometry, Transform
 from hubodo.recording import Event
@@ -46,7 +47,8 @@ class Map:
 
 def _pose(t_ns: int) -> MapPose:
     position, one = np.array([[3.0, -4.0]]), np.ones(1)
-    return MapPose(np.array([t_ns]), position, one, one, one, np.eye(3)[None], position, one, ORIGIN)
+    row = OdometryRows(np.array([t_ns]), position, one, one, one, np.eye(3)[None])
+    return MapPose(row, position, one, ORIGIN)
 
 
 def test_without_a_localizer_nothing_is_active() -> None:

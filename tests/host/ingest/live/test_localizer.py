@@ -113,7 +113,7 @@ def test_map_to_odom_and_odom_to_base_link_chain_to_the_position_on_the_map(ride
             *(
                 publication.odom_position[0]
                 + _rotated(ox, oy, publication.odom_heading[0])
-                - publication.position[0]
+                - publication.row.position[0]
             )
         )
         for publication, ox, oy in zip(
@@ -186,10 +186,10 @@ def test_sigma_after_an_outage_of_a_minute_is_that_of_headings_from_gyros():
             east, north = 5.0 * t + 1.5 * rng.standard_normal(), 1.5 * rng.standard_normal()
             latitude, longitude = geodetic(east, north, *ORIGIN)
             localizer.add_fix(FixSample(round(t * 1e9), float(latitude), float(longitude), 1.5))
-    sigma = np.sqrt(np.trace(last.pose_covariance[0][:2, :2]))
+    sigma = np.sqrt(np.trace(last.row.pose_covariance[0][:2, :2]))
     azimuth, _, distance = WGS84.inv(ORIGIN[1], ORIGIN[0], *last.origin_deg[::-1])
     origin = distance * np.exp(1j * (np.pi / 2 - np.radians(azimuth)))
-    error = complex(*last.position[0]) + origin - 5.0 * 119.9
+    error = complex(*last.row.position[0]) + origin - 5.0 * 119.9
     assert 2.0 < sigma < 5.0
     assert abs(error) < 3.0 * sigma, f"seed {SEED}"
 
@@ -205,11 +205,11 @@ def test_map_to_odom_contains_the_correction_that_odom_has_not_followed_yet():
             continue
         odom = tuple(value + offset for value, offset in zip(item[1:4], published, strict=True))
         expected, located = plain.add_pose(item), lagging.add_pose(item._replace(published=odom))
-    np.testing.assert_array_equal(located.position, expected.position)
-    assert located.heading == pytest.approx(expected.heading)
+    np.testing.assert_array_equal(located.row.position, expected.row.position)
+    assert located.row.heading == pytest.approx(expected.row.heading)
     chained = located.odom_position[0] + _rotated(*odom[:2], located.odom_heading[0])
-    np.testing.assert_allclose(chained, located.position[0], atol=1e-9)
-    assert located.odom_heading[0] + odom[2] == pytest.approx(located.heading[0])
+    np.testing.assert_allclose(chained, located.row.position[0], atol=1e-9)
+    assert located.odom_heading[0] + odom[2] == pytest.approx(located.row.heading[0])
     assert np.hypot(*(located.odom_position - expected.odom_position)[0]) > 0.2
 
 
@@ -260,5 +260,5 @@ def test_a_graph_that_fails_is_reported_and_replaced_by_one_in_the_same_map_fram
     located = [answer.pose for answer in answers if answer.pose is not None]
     assert len({item.origin_deg for item in located}) == 1
     assert located[-1].t_ns[0] > 59e9
-    ahead = [item.position[0, 0] - item.t_ns[0] * 1e-9 for item in located]
+    ahead = [item.row.position[0, 0] - item.t_ns[0] * 1e-9 for item in located]
     assert np.ptp(ahead) < 1.0, "at 1 m/s the new graph may be behind by 1 m, for a pause of 1 s"
