@@ -19,6 +19,7 @@ from hubodo.sensors.heading.bias_walk import TYPICAL_TEMPERATURE_COEFFICIENT, ad
 from hubodo.sensors.heading.prior import axis_direction, vertical_axis_warmup
 from hubodo.sensors.heading.result import HeadingResult
 from hubodo.sensors.heading.score import read_true_heading, score_heading
+from hubodo.sensors.heading.sensor_change import check_one_sensor
 from hubodo.sensors.heading.standstill import (
     DetectedStandstills,
     detect_standstills,
@@ -102,11 +103,11 @@ def heading_from_recording(
     else:
         expected_bias = model.bias(t - t[0] + (options.age or 0.0), axis.temperature)
         detected = detect_standstills(t, gyro, accel, axis, index, expected_bias, recording.table)
+        check_one_sensor(t, axis.raw, detected.spans)
     spans = detected.spans
     notes += detected.notes
     _check_saturation(axis.raw, spans, options.axis, notes)
-    if not spans:
-        notes.append(_bias_from_calibration(effects, detected))
+    notes += [] if spans else [_bias_from_calibration(effects, detected)]
     if options.age is None and model.c1:
         notes.append("power-on is assumed at the first sample; if it was earlier, give --age")
     if not model.c1:
