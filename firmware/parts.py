@@ -73,8 +73,8 @@ class Parts:
             del sys.modules["chip_search"]
         gc.collect()
 
-    def start(self, lost):
-        """Start sampling the IMU; lost: samples were missed meanwhile."""
+    def start(self, missed):
+        """Start sampling the IMU; missed: True if samples were missed meanwhile."""
         chip = self.chip
         self.batch = self._board.settings["batch"] or default_batch(chip.rate_mhz)
         if self.batch != self._shape:
@@ -82,7 +82,7 @@ class Parts:
             self._outbox.shape(self.batch)
         self._start_us = now = ticks_us()
         self._check_us = ticks_add(now, _SILENT_LEAST_US)
-        self._sampler.start(now, chip, self.batch, lost)
+        self._sampler.start(now, chip, self.batch, missed)
 
     def handle_bus_error(self, error, now):
         """Handle a failed transfer: retry, or recover the bus after three in a row."""

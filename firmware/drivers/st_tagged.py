@@ -30,8 +30,8 @@ class TaggedImu(StImu):
     """Reads the FIFO; a subclass adds settings. has_stamps: the FIFO stores time stamps, too.
 
     A subclass sets FIFO_STATUS, the first register with the level; FIFO_WORDS, the capacity;
-    TICKS_PER_KS, the advance of the time stamp in 1000 s; FINE, (register, step in 1e-4) of the factory's
-    measurement of the rate.
+    TICKS_PER_KS, the advance of the time stamp in 1000 s; RATE_TRIM, (register, step in 1e-4) of the rate
+    that the factory measured.
     """
 
     PART = 0
@@ -40,7 +40,7 @@ class TaggedImu(StImu):
     FIFO_STATUS: int
     FIFO_WORDS: int
     TICKS_PER_KS: int
-    FINE: tuple
+    RATE_TRIM: tuple
 
     def __init__(self, i2c, address, rate_mhz, has_stamps):
         super().__init__(i2c, address)
@@ -51,8 +51,9 @@ class TaggedImu(StImu):
         self._words = 3 if has_stamps else 2
         self.FIFO_SAMPLES = self.FIFO_WORDS // self._words
         """Capacity of the FIFO in whole samples."""
-        fine = self.read(self.FINE[0])
-        self.rate_mhz = rate_mhz * (10000 + self.FINE[1] * (fine - 256 if fine & 0x80 else fine)) // 10000
+        register, step = self.RATE_TRIM
+        trim = self.read(register)
+        self.rate_mhz = rate_mhz * (10000 + step * (trim - 256 if trim & 0x80 else trim)) // 10000
         self._overdue = 3 * self.TICKS_PER_KS // (2 * rate_mhz)
         """Ticks of the chip between two samples that show that one is missing: one period and a half."""
         self._fifo_on = _CONTINUOUS | (_TIMESTAMP_EVERY if has_stamps else 0)
