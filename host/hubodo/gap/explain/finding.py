@@ -11,7 +11,7 @@ from hubodo.effects import Effect
 from hubodo.effects.empirical import PREFIX
 from hubodo.gap.explain.descriptions import describe_manoeuvre, describe_where
 from hubodo.gap.explain.result import BeforeAfter, Estimate, Finding
-from hubodo.gap.judge.hypothesis import UNHELPFUL, Hypothesis
+from hubodo.gap.judge.hypothesis import MIN_CORRELATED_TEMPERING, UNHELPFUL, Hypothesis
 from hubodo.gap.judge.posterior import MAX_SIMILAR_GAIN, sum_by_name
 from hubodo.gap.judge.reconsider import RoundsByKey
 from hubodo.gap.judge.search import SearchResult
@@ -29,6 +29,9 @@ _PRIOR_UNCERTAINTY = 3.0
 # Upper limit of the confidence if something fits better, or if an unnamed term on the same node has this many
 # times its gain: the residual of such a term can imitate an effect.
 _MAX_DOUBTED_CONFIDENCE, _MIN_UNNAMED_GAIN_RATIO = 0.8, 1.0
+
+# Parameter that is the shape of a drift, and how many sigmas determine it.
+_SHAPE_PARAMETER, _MIN_SHAPE_SIGMAS = "time_constant", 3.0
 
 
 def build_finding(
@@ -55,6 +58,8 @@ def build_finding(
     }
     gains_below = {other: own.gain - gain for other, gain in gains.items()} if own is not None else {}
     is_overshadowed = _is_overshadowed(term, result, rounds) or _is_contested(own, hypotheses)
+    parameters = _list_parameters(term, result.final, own)
+    is_overshadowed |= result.rounds[-1].tempering > MIN_CORRELATED_TEMPERING and _is_shapeless(parameters)
     confidence = _limit_confidence(probabilities.get(name, 0.0), own, gains_below, is_overshadowed)
     scopes = _list_equal_scopes(hypotheses, own)
     confidence /= max(len(scopes), 1)
@@ -75,7 +80,7 @@ def build_finding(
     return Finding(
         name,
         term.scope,
-        _add_given_values(_list_parameters(term, result.final, own), given),
+        _add_given_values(parameters, given),
         BeforeAfter(compute_gap(residuals[0]), compute_gap(residuals[1])),
         BeforeAfter(held_out_gaps[0], held_out_gaps[1]),
         1.0 if own is None else own.p_value(result.rounds[-1].null_distribution),
@@ -165,6 +170,19 @@ def _is_contested(own: Hypothesis | None, hypotheses: Sequence[Hypothesis]) -> b
         and other.gain > own.gain - MAX_SIMILAR_GAIN
         and len(other.term.effect.coordinates()) <= len(own.term.effect.coordinates())
         for other in hypotheses
+    )
+
+
+def _is_shapeless(parameters: Mapping[str, Estimate]) -> bool:
+    """Return True if the time constant of a drift is not determined.
+
+    Any slow drift looks like one with a time constant as long as the log, a random walk of a gyro as well.
+    """
+    shape = parameters.get(_SHAPE_PARAMETER)
+    return (
+        len(parameters) > 1
+        and shape is not None
+        and shape.value < _MIN_SHAPE_SIGMAS * (shape.sigma or np.inf)
     )
 
 

@@ -48,8 +48,30 @@ def prune_coordinates(fit: Refit) -> Refit:
         if selected:
             result = refit(fit.evaluation.with_state(fit.state.with_terms(terms)))
             if compute_gap(result.without_cache().evaluation.residuals) <= max_gap:
-                return result
+                return _with_doubt_of_pruned(result, fit, selected)
     return fit
+
+
+def _with_doubt_of_pruned(result: Refit, fit: Refit, pruned: Sequence[int]) -> Refit:
+    """Return a fit whose covariances contain that of the coordinates which pruning set to zero.
+
+    A log may determine only the difference of two scale errors. If one of them is set to zero, the other has
+    the whole difference, and is no better known than before.
+
+    result, fit: after and before pruning
+    """
+    inverse = np.linalg.pinv(fit.covariance[np.ix_(pruned, pruned)], hermitian=True)
+    shift = fit.covariance[:, pruned] @ inverse
+    shift[list(pruned)] = 0.0
+    added, robust = (
+        shift @ covariance[np.ix_(pruned, pruned)] @ shift.T
+        for covariance in (fit.covariance, fit.robust_covariance)
+    )
+    return replace(
+        result,
+        covariance=result.covariance + added,
+        robust_covariance=result.robust_covariance + robust,
+    )
 
 
 def count_determined(fit: Refit, term: ModelTerm, tempering: float, model_gain: float) -> tuple[int, float]:

@@ -4,7 +4,8 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 from hubodo.effects import BY_NAME
-from hubodo.gap.explain.finding import _is_contested, _limit_confidence, _list_equal_scopes
+from hubodo.gap.explain.finding import _is_contested, _is_shapeless, _limit_confidence, _list_equal_scopes
+from hubodo.gap.explain.result import Estimate
 from hubodo.gap.judge.hypothesis import UNHELPFUL, Hypothesis
 from hubodo.gap.refit.cross_validation import HeldOutGain
 from hubodo.gap.state.terms import ModelTerm
@@ -39,3 +40,13 @@ def test_an_effect_is_contested_by_one_that_fits_as_well_and_only_fails_on_held_
     assert not _is_contested(own, [own, replace(skew, objection="not physical")])
     more_coordinates = ModelTerm(BY_NAME["gyro_nonorthogonality"](), "all")
     assert not _is_contested(own, [own, replace(skew, term=more_coordinates)])
+
+
+def test_a_drift_without_a_known_time_constant_may_be_another_one():
+    amplitude = {"x": Estimate(1e-3, 2e-4, "rad/s")}
+    assert _is_shapeless({**amplitude, "time_constant": Estimate(28.7, 19.5, "s")})
+    assert _is_shapeless({**amplitude, "time_constant": Estimate(2635.0, None, "s")})
+    assert not _is_shapeless({**amplitude, "time_constant": Estimate(28.7, 3.0, "s")})
+    # The time constant of a lag is its size.
+    assert not _is_shapeless({"time_constant": Estimate(2e-3, 1e-3, "s")})
+    assert not _is_shapeless(amplitude)

@@ -1,12 +1,13 @@
 """Backward elimination of coordinates against the loss of a Gaussian without them, and their values."""
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from hubodo.effects import BY_NAME
-from hubodo.gap.refit.prune import _eliminate, _freeze
+from hubodo.gap.refit.prune import _eliminate, _freeze, _with_doubt_of_pruned
 from hubodo.gap.state.terms import ModelTerm
 from hubodo.model.model_file import read_model
 from vehicles import model_toml
@@ -57,3 +58,24 @@ def test_a_pruned_coordinate_of_one_node_returns_to_the_value_of_all_nodes_in_th
     pruned = _freeze(term, fit, {0, 1})
     assert pruned.effect.values() == pytest.approx({"x": -0.06, "y": 0.0, "z": -0.0045})
     assert pruned.frozen == (0, 1)
+
+
+@dataclass(frozen=True)
+class Fit:
+    covariance: np.ndarray
+    robust_covariance: np.ndarray
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_coordinate_is_no_better_known_because_another_one_was_pruned(seed):
+    """The covariance with the others frozen, plus their doubt, is that of all coordinates free."""
+    covariance, _value = draw_fit(seed)
+    kept, pruned = [0, 3], [1, 2]
+    frozen = np.zeros((4, 4))
+    frozen[np.ix_(kept, kept)] = np.linalg.inv(np.linalg.inv(covariance)[np.ix_(kept, kept)])
+    fit = Fit(covariance, 4.0 * covariance)
+    result = _with_doubt_of_pruned(Fit(frozen, 4.0 * frozen), fit, pruned)
+    expected = np.zeros((4, 4))
+    expected[np.ix_(kept, kept)] = covariance[np.ix_(kept, kept)]
+    np.testing.assert_allclose(result.covariance, expected, atol=1e-12)
+    np.testing.assert_allclose(result.robust_covariance, 4.0 * expected, atol=1e-12)
