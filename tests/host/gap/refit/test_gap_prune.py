@@ -70,12 +70,12 @@ class Fit:
 def test_a_coordinate_is_no_better_known_because_another_one_was_pruned(seed):
     """The covariance with the others frozen, plus their doubt, is that of all coordinates free."""
     covariance, _value = draw_fit(seed)
-    kept, pruned = [0, 3], [1, 2]
+    free, pruned = [0, 3], [1, 2]
     frozen = np.zeros((4, 4))
-    frozen[np.ix_(kept, kept)] = np.linalg.inv(np.linalg.inv(covariance)[np.ix_(kept, kept)])
+    frozen[np.ix_(free, free)] = np.linalg.inv(np.linalg.inv(covariance)[np.ix_(free, free)])
     fit = Fit(covariance, 4.0 * covariance)
     result = _with_doubt_of_pruned(Fit(frozen, 4.0 * frozen), fit, pruned)
     expected = np.zeros((4, 4))
-    expected[np.ix_(kept, kept)] = covariance[np.ix_(kept, kept)]
+    expected[np.ix_(free, free)] = covariance[np.ix_(free, free)]
     np.testing.assert_allclose(result.covariance, expected, atol=1e-12)
     np.testing.assert_allclose(result.robust_covariance, 4.0 * expected, atol=1e-12)
