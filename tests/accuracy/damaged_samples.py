@@ -4,8 +4,9 @@
 
 The drives are those of mixed.py. Damage is of the left node, or of both for "both frozen": glitches are a bus
 that reads -32.768 rad/s in one of a hundred samples, garbage are 30 random samples in a row, frozen nodes
-repeat a sample for three seconds while the vehicle moves, "silent" loses these seconds. Error at the end
-in % of the distance; NEES of x, y and heading, 3 if consistent.
+repeat a sample for three seconds while the vehicle moves, "silent" loses these seconds; "stuck" and "half
+rate" are a gyro that repeats its rate about the axle, or reads half of all rates, from then on. Error at the
+end in % of the distance; NEES of x, y and heading, 3 if consistent.
 """
 
 # ruff: noqa: E402 (BLAS must know its threads before numpy is loaded)
@@ -67,6 +68,16 @@ def silent(samples: Samples, span: slice, rng: np.random.Generator) -> None:
         samples[name] = np.delete(samples[name], span, axis=0)
 
 
+def stuck(samples: Samples, span: slice, rng: np.random.Generator) -> None:
+    """Repeat the rate about the axle to the end."""
+    samples["gyro"][span.start :, 2] = samples["gyro"][span.start, 2]
+
+
+def half_rate(samples: Samples, span: slice, rng: np.random.Generator) -> None:
+    """Halve all rates to the end, as of a chip that returned to another range."""
+    samples["gyro"][span.start :] *= 0.5
+
+
 KINDS: tuple[tuple[str, Callable[..., None], tuple[str, ...]], ...] = (
     ("as recorded", unchanged, ()),
     ("glitches", glitches, ("left",)),
@@ -75,6 +86,8 @@ KINDS: tuple[tuple[str, Callable[..., None], tuple[str, ...]], ...] = (
     ("silent", silent, ("left",)),
     ("both frozen", frozen, ("left", "right")),
     ("both silent", silent, ("left", "right")),
+    ("stuck", stuck, ("left",)),
+    ("half rate", half_rate, ("left",)),
 )
 
 

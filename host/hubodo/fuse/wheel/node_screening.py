@@ -13,6 +13,7 @@ from hubodo.earth import STANDARD_GRAVITY
 from hubodo.errors import InputError
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.gravity_rotation import MAX_GRAVITY_RATIO
+from hubodo.fuse.wheel.gyro_failure import find_gyro_failure
 from hubodo.fuse.wheel.preintegration import MAX_SAMPLE_STEP
 from hubodo.fuse.wheel.thresholds import MIN_ROLLING_RATE
 from hubodo.recording import Table
@@ -90,17 +91,22 @@ def screen_samples(nodes: Mapping[str, Table]) -> tuple[dict[str, Table], tuple[
     for name, table in nodes.items():
         others = [other for other_name, other in nodes.items() if other_name != name]
         interleaved, frozen = _find_interleaved(table.t), _find_frozen(table, others)
+        failed = find_gyro_failure(table) & ~frozen & ~interleaved
         for is_rejected, reason in (
             (interleaved, "samples of two times stand between one another: its clock went back"),
             (
                 frozen & ~interleaved,
                 "not one bit of its samples changed while a wheel turned: it froze",
             ),
+            (
+                failed,
+                "gravity rotates otherwise than gz from here on: its gyro failed or changed its range",
+            ),
         ):
             for first, end in find_runs(is_rejected):
                 span = f"from t = {table.t[first]:.1f} to {table.t[end - 1]:.1f} s"
                 lines.append(f"{name}: {span} {reason}; left out, sigmas grow there")
-        is_accepted = ~(interleaved | frozen)
+        is_accepted = ~(interleaved | frozen | failed)
         screened[name] = table if is_accepted.all() else _select(table, is_accepted)
     return screened, tuple(lines)
 
