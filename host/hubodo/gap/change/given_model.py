@@ -14,6 +14,7 @@ from itertools import product
 from hubodo.effects import BY_NAME
 from hubodo.effects.empirical import PREFIX
 from hubodo.effects.mounting import LeverArm, NodeMisalignment
+from hubodo.gap.change.difference import MIN_CHANGE_SIGMA
 from hubodo.gap.change.result import Change, ChangeResult, subtract_estimates
 from hubodo.gap.explain.finding import estimate_parameters
 from hubodo.gap.explain.result import Estimate, Finding
@@ -74,6 +75,11 @@ def judge_second_log(
     )
     named = [finding for finding in missing.found if not finding.effect.startswith(PREFIX)]
     changes = [_build_change(finding, first_fit) for finding in named]
+    changes = [
+        change
+        for change, finding in zip(changes, named, strict=True)
+        if not finding.refines_model or _is_significant(change)
+    ]
     return ChangeResult(
         _compute_p_value(missing.search),
         tuple(sorted(changes, key=lambda change: change.belongs_to_drive)),
@@ -101,6 +107,12 @@ def _build_change(finding: Finding, first_fit: Refit) -> Change:
         after = replace(after, model_value=None)
         values[name] = (before, after, subtract_estimates(before, after))
     return Change(finding.effect, finding.scope, values, finding.p_value, finding.where)
+
+
+def _is_significant(change: Change) -> bool:
+    """Return True if a parameter changed by more than its sigmas in both logs leave in doubt."""
+    differences = [three[2] for three in change.values.values()]
+    return any(one.sigma is not None and abs(one.value) > MIN_CHANGE_SIGMA * one.sigma for one in differences)
 
 
 def _estimate_in_first_log(finding: Finding, first_fit: Refit) -> Mapping[str, Estimate]:

@@ -79,6 +79,13 @@ def test_a_change_of_a_known_effect_has_the_sigmas_of_both_logs(judge):
     assert result.p_value == 1e-5 and result.changes[0].p_value == 1e-4
 
 
+@pytest.mark.parametrize(("value", "is_change"), [(0.0130, True), (0.0120, False)])
+def test_a_known_effect_changes_by_more_than_five_sigmas_of_both_logs(value, is_change, judge):
+    """With 0.3 and 0.4 mm the difference has 0.5 mm."""
+    result = judge(finding("lever_arm", x=Estimate(value, 4e-4, "m", model_value=0.01)))
+    assert bool(result.changes) == is_change == result.has_changed
+
+
 def test_an_effect_that_the_first_log_lacks_was_absent_there(judge):
     result = judge(finding("gyro_scale_factor", z=Estimate(0.02, 1e-3, "1")))
     before, _, change = result.changes[0].values["z"]
