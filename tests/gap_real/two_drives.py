@@ -124,15 +124,15 @@ def compare(first: FirstDrive, after: str, case: tuple[str, str, str], seed: int
 def _is_accurate(change: Change, injection: Injection, recorded: Mapping[str, float]) -> bool:
     """Return True if each injected parameter changed by its size within 25 % or 3 sigma.
 
-    recorded: delay of the drive as recorded beyond the model of the first drive, which the change includes
+    recorded: delay of the second drive as recorded, by a fit; the value in it counts beyond that
     """
     size = max(abs(value) for value in injection.parameters.values())
     for name, injected in injection.parameters.items():
-        estimate = change.values[name][2]
+        _, after, estimate = change.values[name]
         if name == "time_constant" and len(injection.parameters) > 1:
             continue
-        value = estimate.value if np.isfinite(estimate.value) else change.values[name][1].value
-        value -= recorded.get(name, 0.0)
+        is_absolute = name in recorded or not np.isfinite(estimate.value)
+        value = after.value - recorded.get(name, 0.0) if is_absolute else estimate.value
         tolerance = MAX_ERROR_SHARE * (abs(injected) if len(injection.parameters) == 1 else size)
         if abs(value - injected) > max(tolerance, MAX_ERROR_SIGMA * (estimate.sigma or 0.0)):
             return False

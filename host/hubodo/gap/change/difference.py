@@ -42,7 +42,7 @@ _MAX_CANDIDATE_ITERATIONS = 4
 _MIN_CHANGE_HELD_OUT_Z, _MIN_CHANGE_HELD_OUT_SHARE, _MIN_CHANGE_LEVEL_SIGMAS = 5.0, 0.3, 0.2
 # Change in usual sizes, and in sigma from the scatter of blocks, up to which a property of the vehicle
 # differs between drives anyway, where residuals are correlated.
-_MIN_CHANGE_SCALES, MIN_CHANGE_SIGMA, _CORRELATED_TEMPERING = 0.15, 5.0, 2.0
+_MIN_CHANGE_SCALES, _MIN_CHANGE_SIGMA, _CORRELATED_TEMPERING = 0.15, 5.0, 2.0
 
 
 @dataclass(frozen=True)
@@ -332,5 +332,5 @@ def _newly_implausible(terms: Sequence[ModelTerm]) -> bool:
 
 def _is_minor(change: Array, sigma: Array) -> bool:
     """Return True if no coordinate changes by more than drives of one vehicle differ."""
-    is_large = (np.abs(change) > _MIN_CHANGE_SCALES) & (np.abs(change) > MIN_CHANGE_SIGMA * sigma)
+    is_large = (np.abs(change) > _MIN_CHANGE_SCALES) & (np.abs(change) > _MIN_CHANGE_SIGMA * sigma)
     return not bool(np.any(is_large & (sigma > 0.0)))

@@ -90,11 +90,6 @@ class Finding:
         """Return True for an offset, a clock or the road, whose value holds for this drive only."""
         return not self.effect.startswith(PREFIX) and BY_NAME[self.effect].varies_between_drives
 
-    @property
-    def refines_model(self) -> bool:
-        """Return True if the given model has the effect, with another value."""
-        return any(one.model_value is not None for one in self.parameters.values())
-
     def as_json(self) -> dict[str, Any]:
         """Return the entry of `found` in `gap.json`.
 
