@@ -29,8 +29,8 @@ from hubodo.model.model_file import Model
 FIRST_LOG_SHARE = 0.55
 # Iterations of the fit of an effect of the second log to the first.
 _FIRST_LOG_ROUNDS = 4
-# Change in usual sizes, and in sigma from the scatter of blocks, up to which fits to two drives differ anyway:
-# two halves of drives of an unchanged car reached 0.47, and 5.8 in another parameter.
+# Change in usual sizes, and in sigma from the scatter of blocks, by which fits to two drives differ anyway.
+# Two halves of drives of an unchanged car reached 0.47, and 5.8 in another parameter.
 _MIN_CHANGE_SCALES, _MIN_CHANGE_SIGMA = 0.5, 7.0
 # Distance across the axle from which on a sensor is mounted elsewhere, m: five usual sizes of a lever arm.
 _MIN_REMOUNTED_DISTANCE = 0.05
