@@ -88,6 +88,18 @@ class BiasForecast:
         mean, sigma = self.predict(age, temperature)
         return np.hypot(sigma, bias - mean)
 
+    def polynomial_error(self, coefficients: Array) -> Array:
+        """Return the rms errors, (order,), of another model's coefficients of the temperature.
+
+        They contain flicker and random walk of the bias, which a slow change of the temperature resembles.
+        """
+        polynomials = [form.polynomial for form in self.forms]
+        variance = sum(
+            weight * (own + (mean - coefficients) ** 2)
+            for weight, (mean, own) in zip(self.weights, polynomials, strict=True)
+        )
+        return np.asarray(self.inflation * np.sqrt(variance))
+
     @cached_property
     def _factors(self) -> list[CholeskyFactor]:
         """Return the Cholesky factors of the covariance of the means under each form."""

@@ -130,6 +130,13 @@ class FittedForm:
     is_quiet: bool = False
     temperature_order: int = 1
 
+    @property
+    def polynomial(self) -> tuple[Array, Array]:
+        """Return the coefficients (order,) of the powers of the temperature, and their variances."""
+        terms = slice(len(self.mean) - self.temperature_order, None)
+        size = _USUAL_WARMTH ** -np.arange(self.temperature_order)
+        return self.mean[terms] * size, np.diag(self.covariance)[terms] * size**2
+
     def columns(self, t: Array, temperature: Array | None) -> Array:
         """Return the (M, P) design matrix at ages t (M,) s and temperatures (M,) °C."""
         powers = None if temperature is None else temperature_powers(temperature, self.temperature_order)

@@ -12,7 +12,7 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.calibration.file import CalibratedEffect
-from hubodo.effects.warmup import WARMUP_PARAMETERS, warmup_fraction
+from hubodo.effects.warmup import TEMPERATURE_PARAMETERS, WARMUP_PARAMETERS, warmup_fraction
 from hubodo.errors import InputError
 from hubodo.html_table import html_lines, html_table
 from hubodo.pages.console import print_lines, print_table
@@ -42,12 +42,10 @@ from hubodo.sensors.warmup.page import (
     whiteness_rows,
 )
 from hubodo.sensors.warmup.profile_interval import ProfileIntervals, profile_intervals
+from hubodo.sensors.warmup.remarks import NOTED_INFLATION, forecast_remarks
 
 if TYPE_CHECKING:
     from rich.console import Console
-
-
-_NOTED_INFLATION = 2.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -171,7 +169,7 @@ class WarmupResult:
         inflation = forecast_inflation(
             self.t, self.means, self.mean_temperatures, constants_at_start, order, self.form
         )
-        if self.form is not None and inflation < _NOTED_INFLATION:
+        if self.form is not None and inflation < NOTED_INFLATION:
             # The test of three means exceeds 1 by chance; a stated form is doubted only if clearly wrong.
             inflation = 1.0
         return replace(forecast, rounding=self.rounding, inflation=inflation)
@@ -188,24 +186,7 @@ class WarmupResult:
     @property
     def remarks(self) -> tuple[str, ...]:
         """Return the notes, and whether the record forecasts itself."""
-        inflation = self.forecast.inflation
-        notes = self.notes
-        if self.form is not None:
-            notes = (
-                *notes,
-                f"the form is stated: the sigmas of the forecast are those of {self.form}, with the slow "
-                "noise that the record shows",
-            )
-        if self.hysteresis is not None:
-            notes = (*notes, self.hysteresis.describe())
-        if inflation < _NOTED_INFLATION:
-            return notes
-        return (
-            *notes,
-            "a forecast from the first part of the record missed the rest by "
-            f"{inflation:.1f} sigma (rms): something else than a warm-up moves the bias, such as the "
-            f"temperature of the room, and the sigmas of the forecast are {inflation:.1f} times as large",
-        )
+        return (*self.notes, *forecast_remarks(self.form, self.hysteresis, self.forecast.inflation))
 
     @cached_property
     def sigma(self) -> dict[str, float]:
@@ -224,6 +205,10 @@ class WarmupResult:
         result["c2"] = math.hypot(result["c2"], math.sqrt(float(form_variance.mean())))
         if self.hysteresis is not None:
             result["c2"] = math.hypot(result["c2"], 0.5 * self.hysteresis.size)
+        if fit.temperature_order:
+            names = TEMPERATURE_PARAMETERS[: fit.temperature_order]
+            errors = self.forecast.polynomial_error(np.array([fit.values[name] for name in names]))
+            result |= {name: max(result[name], float(e)) for name, e in zip(names, errors, strict=True)}
         if not constants:
             return result
         slowest = max(constants, key=lambda name: constants[name])

@@ -62,3 +62,14 @@ def test_one_direction_and_white_noise_show_no_hysteresis():
 def test_a_model_with_powers_of_the_temperature_needs_it():
     with pytest.raises(ValueError, match="needs the temperature"):
         WarmupModel(0.0, temperature_cubic=1e-6).bias(np.zeros(2))
+
+
+def test_flicker_of_the_bias_is_in_the_sigma_of_the_coefficients():
+    """A slow cycle of the temperature resembles flicker, which white noise of the residual does not show."""
+    rng = np.random.default_rng(200)
+    t, bias, temperature, true = heat_cycle(3600, 1, rng, added="flicker")
+    output = (bias + rng.normal(0.0, NOISE, len(t))) * DEG
+    result = characterise_warmup(t, output, "gz", temperature=temperature)
+    name = "temperature_coefficient"
+    assert abs(result.values[name] - true[0] * DEG) < 3.0 * result.sigma[name]
+    assert result.sigma[name] > 1.2 * result.accepted.fit.sigma[name]
