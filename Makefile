@@ -102,6 +102,7 @@ road: setup          ## a real car, standstills, outages, slip, saturated sensor
 	$(BIN)/python tests/accuracy/silence.py
 	$(BIN)/python tests/accuracy/dropouts.py
 	$(BIN)/python tests/accuracy/clipped.py
+	$(BIN)/python tests/accuracy/spikes.py
 	$(BIN)/python tests/accuracy/fast_cars.py
 	$(BIN)/python tests/accuracy/damaged_samples.py
 	$(BIN)/python tests/accuracy/slip.py

@@ -7,7 +7,7 @@ every third goes over hills on a rough road, every fourth slips once.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,10 @@ from generators import slip_drives, wheel_drives
 
 FASTEST_SPIN = 33.0
 """rad/s; what is faster is clipped, which is another matter."""
+
+STATED_RADIUS, STATED_SCALE = 0.004, 0.0122
+"""1 sigma of the errors of radius and gyro scales that an uncalibrated vehicle is assumed to have; the drives
+have 0.002 and 0.01."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +33,8 @@ class Drawn:
     hilly: bool
 
 
-def drawn(seed: int) -> Drawn:
-    """Return the drive of a seed."""
+def drawn(seed: int, has_stated_errors: bool = False) -> Drawn:
+    """Return the drive of a seed; has_stated_errors: radius and scales are as wrong as assumed."""
     rng = np.random.default_rng(seed)
     top = float(np.exp(rng.uniform(np.log(0.05), np.log(20.0))))
     radius = max(float(rng.uniform(0.05, 0.35)), 1.15 * top / FASTEST_SPIN)
@@ -71,6 +75,8 @@ def drawn(seed: int) -> Drawn:
         flicker=float(rng.choice([0.0, 1e-4, 5e-4])),
         vibration=float(rng.choice([0.05, 0.3, 1.0])),
     )
+    if has_stated_errors:
+        errors = replace(errors, radius=STATED_RADIUS, scale=STATED_SCALE)
     rate = float(rng.choice([104.0, 208.0]))
     driven = wheel_drives.drive(plan, rng, errors, radius, track, rate_hz=rate)
     return Drawn(driven, top, noise, rested, slips, hilly)

@@ -21,6 +21,7 @@ from hubodo.fuse.graph.factors.constants import (
 from hubodo.fuse.latitude import add_latitude, latitude_warnings
 from hubodo.fuse.ranges import NodeRanges
 from hubodo.fuse.rolling_wheel import WheelSamples, WheelSpec
+from hubodo.fuse.spikes import remove_spikes
 from hubodo.fuse.track import Track, track_from_states
 from hubodo.fuse.wheel.config import add_node_biases, wheel_config
 from hubodo.fuse.wheel.entries import GYRO_SCALE_ACROSS, WHEEL_RADIUS, YAW_RATE_FROM_GRAVITY
@@ -105,6 +106,7 @@ def compute_wheel_odometry(
         return _run_on_wheel_speeds(recording, vehicle, recording.wheels)
     names = select_wheel_nodes(recording, vehicle, nodes, log)
     check_times({name: recording.nodes[name] for name in names}, log)
+    recording, spike_warnings = remove_spikes(recording, names)
     ranges = determine_log_ranges(recording, vehicle, names, corrected=calibration is not None)
     recording = extend_ranges(recording, ranges)
     applied = None
@@ -123,7 +125,9 @@ def compute_wheel_odometry(
     odometry = _run_wheel_filter(recording, vehicle, names, log, calibration, ranges, lag, for_graph)
     if reporting_nodes:
         odometry = replace(odometry, details={**odometry.details, "bias_from_node": list(reporting_nodes)})
-    warnings = odometry.warnings + missing_node_warnings(recording, vehicle, odometry.nodes, nodes)
+    warnings = (
+        spike_warnings + odometry.warnings + missing_node_warnings(recording, vehicle, odometry.nodes, nodes)
+    )
     if applied is None:
         return replace(odometry, warnings=warnings)
     learnt = (

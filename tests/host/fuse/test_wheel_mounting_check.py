@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
+from generators import wheel_drives
 from hubodo.fuse.wheel.mounting_check import BOTH_WHEELS, MountingCheck, track_width_test
+from hubodo.fuse.wheel.track import run_wheel_filter
+from hubodo.recording import Table
+from wheel_runs import config, tables
 
 TRACK = 0.5
 
@@ -187,3 +192,18 @@ def test_the_track_width_is_tested_once_the_drive_determines_it_to_one_percent(p
         variance = 1.0 / (1.0 / drive_sigma**2 + 1.0 / prior**2)
         assert (track_width_test(0.0, variance, prior) is not None) == expected
     assert track_width_test(0.0, prior**2, prior) is None
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_wheels_of_a_log_that_begins_in_motion_do_not_seem_to_steer(seed):
+    rng = np.random.default_rng([seed, 34])
+    plan = wheel_drives.ramps([(1.0, 0.0, 0.0), (6.0, 6.0, 0.0), (4.0, 5.0, 0.15)])
+    drive = wheel_drives.drive(plan, rng, radius=0.3, track=1.4)
+    moving = {
+        name: Table({column: values[table.t > 5.0] for column, values in table.columns.items()})
+        for name, table in tables(drive).items()
+    }
+    run = run_wheel_filter(config(drive), moving)
+    # The first windows leak 0.1 to 1 rad/s of the spin into the yaw rates, as biases and tilts are unknown.
+    check = run.filter.core.mounting_check
+    assert check.count > 20 and not check.verdict

@@ -21,7 +21,7 @@ _MIN_CHECK_SPEED = 0.1
 _MAX_CHECK_WINDOWS = 3000
 """Windows after which the mounting counts as confirmed, 5 min. Estimated."""
 
-_AXLE_YAW_RMS, _GYRO_YAW_SHARE, _SPEED_YAW_SHARE = 0.03, 0.1, 0.2
+AXLE_YAW_RMS, _GYRO_YAW_SHARE, _SPEED_YAW_SHARE = 0.03, 0.1, 0.2
 """Yaw-rate difference on one axle: rms in rad/s, and as a share of the yaw rate, of two gyros and of the
 wheels' speeds against the gyros.
 
@@ -195,7 +195,7 @@ class MountingCheck:
         residual: rad/s; turned_rate: 1/s times twice the speed over the track; yaw_rate_square: (rad/s)². A
         window counts at most as `GATE_SIGMA` tolerances, so seconds of slip are not taken for a wrong axle.
         """
-        tolerance = _AXLE_YAW_RMS**2 + _SPEED_YAW_SHARE**2 * yaw_rate_square
+        tolerance = AXLE_YAW_RMS**2 + _SPEED_YAW_SHARE**2 * yaw_rate_square
         regression = self.size_regression
         if residual * residual < GATE_SIGMA**2 * (tolerance + (_MAX_SIZE_RATIO * turned_rate) ** 2):
             regression[0] += turned_rate * turned_rate
@@ -215,7 +215,7 @@ class MountingCheck:
             abs(self.yaw_rate_squares[0] - self.yaw_rate_squares[1]),
             self.yaw_rate_squares[2],
         )
-        if difference_square < _AXLE_YAW_RMS**2 * self.count + _GYRO_YAW_SHARE**2 * min(
+        if difference_square < AXLE_YAW_RMS**2 * self.count + _GYRO_YAW_SHARE**2 * min(
             self.yaw_rate_squares[:2]
         ):
             return None
@@ -224,8 +224,8 @@ class MountingCheck:
         side = 1.0 if self.yaw_rate_squares[0] > self.yaw_rate_squares[1] else -1.0
         self.usable_side, self.other_wheel_steers = -side, True
         self.verdict = (
-            "the two wheels turn otherwise than each other: one of them steers, or they are not on one axle; "
-            "say steered = true under the [nodes] table of the one that does"
+            "the two wheels turn otherwise than each other: one of them steers, they are not on one axle, or "
+            "the clock of one is late; say steered = true under the [nodes] table of one that steers"
         )
         return side
 
@@ -252,7 +252,7 @@ class MountingCheck:
         """Return the side to distrust if an undeclared mounting explains the yaw rate much better."""
         best_mounting = self.yaw_residual_squares.index(min(self.yaw_residual_squares))
         if best_mounting == 0 or self.yaw_residual_squares[0] < GATE_SIGMA**2 * (
-            self.yaw_residual_squares[best_mounting] + _AXLE_YAW_RMS**2 * self.count
+            self.yaw_residual_squares[best_mounting] + AXLE_YAW_RMS**2 * self.count
         ):
             return None
         if best_mounting == 3:
