@@ -8,7 +8,13 @@ from math import log
 
 from hubodo.effects import count_fitted_effects
 from hubodo.effects.empirical import PREFIX
-from hubodo.gap.judge.hypothesis import MIN_CORRELATED_TEMPERING, Hypothesis, helps_held_out
+from hubodo.gap.judge.hypothesis import (
+    MIN_CORRELATED_GAIN,
+    MIN_CORRELATED_TEMPERING,
+    Hypothesis,
+    helps_held_out,
+    is_within_level,
+)
 from hubodo.gap.judge.round import EMPIRICAL, MIN_ADD_PROBABILITY, Round
 from hubodo.gap.judge.search import SearchObserver, SearchResult
 from hubodo.gap.refit.refit import Refit, compute_gain, refit, refit_with_weights
@@ -280,11 +286,14 @@ def drop_chance_effects(
 
 
 def _is_overfitted(hypothesis: Hypothesis, judged: Round, last: Round) -> bool:
-    """Return True if the last round shows correlation under which an effect had to help held-out samples.
+    """Return True if the last round shows correlation under which an effect would not have been added.
 
     Where an effect is visible in a few blocks only, such as standstills between drives in vibration, its own
     block scores do not show that residuals are correlated: a warm-up passes through all of them.
     """
-    is_new = judged.tempering <= MIN_CORRELATED_TEMPERING < last.tempering
     gain = hypothesis.held_out_gain
-    return is_new and gain is not None and not helps_held_out(hypothesis.gain, gain, last.tempering)
+    if gain is None or not judged.tempering <= MIN_CORRELATED_TEMPERING < last.tempering:
+        return False
+    doubtful = replace(gain, max_doubt=MIN_CORRELATED_GAIN * last.tempering)
+    is_confirmed = helps_held_out(hypothesis.gain, gain, last.tempering)
+    return not is_confirmed or is_within_level(hypothesis.term, doubtful)
