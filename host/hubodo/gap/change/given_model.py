@@ -31,7 +31,7 @@ FIRST_LOG_SHARE = 0.55
 _FIRST_LOG_ROUNDS = 4
 # Change in usual sizes, and in sigma from the scatter of blocks, by which fits to two drives differ anyway.
 # Two halves of drives of an unchanged car reached 0.47, and 5.8 in another parameter.
-_MIN_CHANGE_SCALES, _MIN_CHANGE_SIGMA = 0.5, 7.0
+_MIN_CHANGE_SCALES, _MIN_CHANGE_SIGMA = 0.5, 6.0
 # Distance across the axle from which on a sensor is mounted elsewhere, m: five usual sizes of a lever arm.
 _MIN_REMOUNTED_DISTANCE = 0.05
 
