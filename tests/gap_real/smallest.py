@@ -17,8 +17,8 @@ from pathlib import Path
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[1]), str(Path(__file__).resolve().parent)]
 
-from car import read_drive  # noqa: E402
-from real import DELAY_EFFECTS, DRIVES, Case, find_injection, list_cases  # noqa: E402
+from car import DELAY_EFFECTS, read_drive  # noqa: E402
+from real import DRIVES, Case, find_injection, list_cases  # noqa: E402
 
 from hubodo.effects import BY_NAME  # noqa: E402
 from hubodo.gap.judge.hypothesis import MIN_CORRELATED_GAIN, Hypothesis  # noqa: E402
