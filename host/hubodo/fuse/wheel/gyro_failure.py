@@ -17,6 +17,8 @@ from hubodo.recording import Table
 
 _ROTATION_BLOCK_S = 3.0
 """s in which a wheel at walking pace turns several times."""
+_MIN_ROTATION_SAMPLES = 30
+"""Samples of a block; ten a second are fewer than the filter accepts."""
 _MIN_ROTATING_FORCE, _MAX_ROTATING_FORCE = 0.7 * STANDARD_GRAVITY, 2.0 * STANDARD_GRAVITY
 """m/s², rms of the force across the axle about its mean, in a block in which gravity rotates."""
 _VALID_SHARE, _FAILED_SHARE = 0.85, 0.3
@@ -55,16 +57,14 @@ def _derotated_shares(table: Table) -> tuple[NDArray[np.int64], Array]:
     The share is NaN in a block in which gravity does not rotate.
     """
     t, rate = table.t, table["gz"]
-    edges = (
-        np.searchsorted(t, np.arange(t[0], t[-1] + _ROTATION_BLOCK_S, _ROTATION_BLOCK_S))
-        if len(t)
-        else np.zeros(1, int)
-    )
+    # A block without samples, as before a wild time stamp, is none.
+    starts = np.flatnonzero(np.diff(np.floor((t - t[:1]) / _ROTATION_BLOCK_S))) + 1
+    edges = np.concatenate([[0], starts, [len(t)]])
     angle = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
     force = table["ax"] + 1j * table["ay"]
     shares = np.full(len(edges) - 1, np.nan)
     for block, (first, end) in enumerate(pairwise(edges.tolist())):
-        if end - first < 2 * _ROTATION_BLOCK_S:
+        if end - first < _MIN_ROTATION_SAMPLES:
             continue
         centred = force[first:end] - force[first:end].mean()
         rms = float(np.sqrt(np.mean(np.abs(centred) ** 2)))
