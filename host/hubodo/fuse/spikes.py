@@ -20,19 +20,19 @@ _MIN_SPIKE = 20.0
 """m/s²; smaller spikes change a window of 0.1 s by less than vibration does. Estimated."""
 
 _MIN_CHANGE_RATIO, _NEIGHBOURHOOD = 12.0, 25
-"""Ratio of a spike to the median change from sample to sample, within so many samples on either side: on real
-wheels, on hubs and rims, nothing else reaches it but shocks."""
+"""Ratio of a spike to the median change from sample to sample, and the number of samples on either side of
+which it is taken: on real wheels, on hubs and rims, nothing else reaches it but shocks."""
 
 _MIN_RINGING_RATIO, _RINGING_SAMPLES, _RINGING_QUANTILE = 4.0, 5, 0.6
-"""Ratio of a spike to a quantile of the changes within so many samples on either side: a shock that rings
-changes most of them. The quantile lets a second spike be near."""
+"""Ratio of a spike to a quantile of the changes within a number of samples on either side: a shock that
+rings changes most of them. The quantile lets a second spike be near."""
 
 
 _MANY_SPIKES_SHARE = 0.01
 """Share of the samples from which on some spikes pass undetected beside others, and sigmas are too small:
 NEES 7 to 18 of 3 with spikes in 3 % of the samples (`tests/accuracy/spikes.py`)."""
 
-_MANY_SPIKES = "; so many that the sigmas are too small: check cable, supply and bus"
+_MANY_SPIKES = "; at this rate the sigmas are too small: check cable, supply and bus"
 
 
 def remove_spikes(recording: Recording, names: Sequence[str]) -> tuple[Recording, tuple[str, ...]]:

@@ -56,6 +56,6 @@ def test_one_value_in_a_hundred_from_the_whole_range_hardly_changes_the_track() 
         recording = Recording(with_spikes(tables(drive), share, 4))
         odometry = compute_wheel_odometry(recording, vehicle, log="drive.mcap")
         ends.append(odometry.track.x[-1] + 1j * odometry.track.y[-1])
-        assert any("so many that the sigmas are too small" in it for it in odometry.warnings) == (share > 0.0)
+        assert any("at this rate the sigmas are too small" in it for it in odometry.warnings) == (share > 0.0)
     # Left in, the spikes move the end by metres.
     assert abs(ends[1] - ends[0]) < 0.01 * drive.length

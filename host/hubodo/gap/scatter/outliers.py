@@ -48,7 +48,7 @@ class _Channel:
     declared_sigmas: Array
 
     def is_outlying(self, sigmas: float) -> NDArray[np.bool_]:
-        """Return which readings, (n,), are beyond so many sigmas of the noise, and beyond 1 declared sigma.
+        """Return which readings, (n,), are beyond `sigmas` of the noise, and beyond 1 declared sigma.
 
         Where a sensor is much quieter than declared, such as at standstill, a start of the motor is beyond
         many sigmas of that noise, for several readings in a row, and yet smaller than the declared noise.
