@@ -60,17 +60,29 @@ def _derotated_shares(table: Table) -> tuple[NDArray[np.int64], Array]:
     # A block without samples, as before a wild time stamp, is none.
     starts = np.flatnonzero(np.diff(np.floor((t - t[:1]) / _ROTATION_BLOCK_S))) + 1
     edges = np.concatenate([[0], starts, [len(t)]])
-    angle = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
+    angle = integrate_rate(t, rate)
     force = table["ax"] + 1j * table["ay"]
     shares = np.full(len(edges) - 1, np.nan)
     for block, (first, end) in enumerate(pairwise(edges.tolist())):
         if end - first < _MIN_ROTATION_SAMPLES:
             continue
-        centred = force[first:end] - force[first:end].mean()
-        rms = float(np.sqrt(np.mean(np.abs(centred) ** 2)))
+        rms = float(np.std(force[first:end]))
         if _MIN_ROTATING_FORCE < rms < _MAX_ROTATING_FORCE:
-            carrier = np.exp(1j * angle[first:end])
             # The sign depends on the facing of the node.
-            sums = abs(np.mean(centred * carrier)), abs(np.mean(centred * carrier.conj()))
-            shares[block] = max(sums) / rms
+            shares[block] = max(rotating_forces(angle[first:end], force[first:end])) / rms
     return edges, shares
+
+
+def integrate_rate(t: Array, rate: Array) -> Array:
+    """Return the angles, rad, at times (N,) s, of a rate in rad/s that is linear between samples."""
+    return np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
+
+
+def rotating_forces(angle: Array, force: Array) -> tuple[float, float]:
+    """Return the sizes of the forces that rotate with the gyro and against it, m/s².
+
+    angle: (N,) rad, integral of the rate. force: (N,) m/s², ax + i ay; its mean does not count.
+    """
+    force = force - force.mean()
+    turn = np.exp(1j * angle)
+    return float(np.abs(np.mean(force * turn))), float(np.abs(np.mean(force * turn.conj())))

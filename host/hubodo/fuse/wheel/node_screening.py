@@ -13,7 +13,7 @@ from hubodo.earth import STANDARD_GRAVITY
 from hubodo.errors import InputError
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.gravity_rotation import MAX_GRAVITY_RATIO
-from hubodo.fuse.wheel.gyro_failure import find_gyro_failure
+from hubodo.fuse.wheel.gyro_failure import find_gyro_failure, integrate_rate, rotating_forces
 from hubodo.fuse.wheel.preintegration import MAX_SAMPLE_STEP
 from hubodo.fuse.wheel.thresholds import MIN_ROLLING_RATE
 from hubodo.recording import Table
@@ -91,13 +91,11 @@ def screen_samples(nodes: Mapping[str, Table]) -> tuple[dict[str, Table], tuple[
     for name, table in nodes.items():
         others = [other for other_name, other in nodes.items() if other_name != name]
         interleaved, frozen = _find_interleaved(table.t), _find_frozen(table, others)
-        failed = find_gyro_failure(table) & ~frozen & ~interleaved
+        frozen &= ~interleaved
+        failed = find_gyro_failure(table) & ~(frozen | interleaved)
         for is_rejected, reason in (
             (interleaved, "samples of two times stand between one another: its clock went back"),
-            (
-                frozen & ~interleaved,
-                "not one bit of its samples changed while a wheel turned: it froze",
-            ),
+            (frozen, "not one bit of its samples changed while a wheel turned: it froze"),
             (
                 failed,
                 "gravity rotates otherwise than gz from here on: its gyro failed or changed its range",
@@ -197,9 +195,9 @@ def is_mirrored(node: WheelNode, table: Table) -> bool:
     """Return True if gravity in ax, ay rotates against gz."""
     t, spin = table.t, facing_sign(node.facing) * table.gyro[:, 2]
     force = table.accel[:, 0] + 1j * facing_sign(node.facing) * table.accel[:, 1]
-    angle = np.concatenate([[0.0], np.cumsum(0.5 * (spin[1:] + spin[:-1]) * np.diff(t))])
+    angle = integrate_rate(t, spin)
     coherence = [
-        _rotating_forces(angle[block], force[block]) for block in _blocks(t, angle, spin, node.gyro_limit)
+        rotating_forces(angle[block], force[block]) for block in _blocks(t, angle, spin, node.gyro_limit)
     ]
     if len(coherence) < _MIN_BLOCKS:
         return False
@@ -227,10 +225,3 @@ def _blocks(t: Array, angle: Array, spin: Array, gyro_limit: float) -> list[slic
             blocks.append(slice(start, end))
         start = end
     return blocks
-
-
-def _rotating_forces(angle: Array, force: Array) -> tuple[float, float]:
-    """Return the sizes of the forces that rotate with the gyro and against it, m/s²."""
-    force = force - force.mean()
-    turn = np.exp(1j * angle)
-    return float(np.abs(np.mean(force * turn))), float(np.abs(np.mean(force * turn.conj())))

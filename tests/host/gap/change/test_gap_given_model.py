@@ -18,7 +18,7 @@ from vehicles import model_toml
 ARM = ModelTerm(BY_NAME["lever_arm"](x=0.01, y=0.0, z=0.0), "left")
 
 
-# Estimates of the first log: of an effect that it has, and of those that it shows too little to name.
+# Estimates of the first log: an effect that it has, and effects that it shows too little to name.
 IN_FIRST_LOG = {
     "lever_arm": {"x": Estimate(0.01, 3e-4, "m")},
     "gyro_scale_factor": {"z": Estimate(0.004, 3e-4, "1")},
