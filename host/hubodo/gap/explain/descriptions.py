@@ -8,6 +8,7 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.effects import distinguishing_manoeuvre
+from hubodo.effects.empirical import PREFIX
 from hubodo.gap.explain.regimes import Regimes, compute_trajectory, describe_interval
 from hubodo.gap.problem.problem import CHANNELS, NodeData
 from hubodo.gap.process_noise.residual import Residual
@@ -17,10 +18,21 @@ _MAX_NAMED_CHANNELS, _MIN_CHANNEL_SHARE = 3, 0.25
 _GENERIC_MANOEUVRE = "vary speed, turns and temperature more, for longer"
 
 
+def list_alternatives(others: Sequence[str]) -> list[str]:
+    """Return names for people: terms without a name, which differ in little, are one."""
+    named = [other for other in others if not other.startswith(PREFIX)]
+    return [*named, *(["an unnamed term"] if len(named) < len(others) else [])]
+
+
 def describe_manoeuvre(name: str, others: Sequence[str]) -> str:
-    """Return the manoeuvre that would distinguish an effect from others."""
-    manoeuvres = ((other, distinguishing_manoeuvre(name, other) or _GENERIC_MANOEUVRE) for other in others)
-    return "; ".join(f"to distinguish it from {other}, {manoeuvre}" for other, manoeuvre in manoeuvres)
+    """Return the manoeuvres that would distinguish an effect from others, each with all that it excludes."""
+    alternatives = dict[str, list[str]]()
+    for other in list_alternatives(others):
+        alternatives.setdefault(distinguishing_manoeuvre(name, other) or _GENERIC_MANOEUVRE, []).append(other)
+    return "; ".join(
+        f"to distinguish it from {' or '.join(names)}, {manoeuvre}"
+        for manoeuvre, names in alternatives.items()
+    )
 
 
 def describe_where(before: Mapping[str, Residual], after: Mapping[str, Residual]) -> str:

@@ -34,10 +34,10 @@ Channel = tuple[str, int]
 
 def steps_figure(result: MissingEffects) -> go.Figure:
     """Return a figure of the gap after each effect, on fitted and held-out data."""
-    labels = ["model as given", *(f"+ {finding.effect}<br>{finding.scope}" for finding in result.found)]
+    labels = ["model as given", *(f"+ {finding.effect}<br>{finding.scope}" for finding in result.listed)]
     plot = new_plotly_figure("", "gap, in units of the declared noise", height=300)
-    fitted = [result.gap.before, *(finding.gap.after for finding in result.found)]
-    held_out = [result.held_out_gap.before, *(finding.held_out_gap.after for finding in result.found)]
+    fitted = [result.gap.before, *(finding.gap.after for finding in result.listed)]
+    held_out = [result.held_out_gap.before, *(finding.held_out_gap.after for finding in result.listed)]
     series = (
         ("fitted", fitted, held_out, AFTER),
         ("not fitted (held out)", held_out, fitted, COLOURS["fused"]),

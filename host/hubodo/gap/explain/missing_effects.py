@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 from hubodo.gap.explain.explanation import Explanation
 from hubodo.gap.explain.result import BeforeAfter, Finding, Unexplained, Verdict
 from hubodo.gap.explain.scaffold import Scaffold
-from hubodo.gap.explain.summary import describe_verdict, format_parameter, format_probability, list_advice
+from hubodo.gap.explain.summary import describe_verdict, format_parameters, format_probability, list_advice
 from hubodo.gap.explain.terminal import render_missing_effects
+from hubodo.gap.explain.unnamed import merge_channels
 from hubodo.gap.judge.search import SearchResult
 from hubodo.gap.process_noise.residual import Residual
 from hubodo.html_table import html_lines, html_table
@@ -101,6 +102,11 @@ class MissingEffects:
         return self.gap.after
 
     @property
+    def listed(self) -> list[Finding]:
+        """Return the detected effects as people read them: the channels of an unnamed term are one."""
+        return merge_channels(self.found)
+
+    @property
     def failed(self) -> bool:
         """Return True if `--scaffold` was given and no unexplained dependence was found."""
         return self.scaffold_name is not None and self.scaffold is None
@@ -178,11 +184,11 @@ class MissingEffects:
         from hubodo.pages.page import COLOURS
         from hubodo.pages.plot import Plot
 
-        labels = ["as given", *(f"+ {finding.effect}\n{finding.scope}" for finding in self.found)]
+        labels = ["as given", *(f"+ {finding.effect}\n{finding.scope}" for finding in self.listed)]
         figure = new_figure(1.5 + 1.6 * len(labels), 3.6)
         axes = figure.subplots()
-        fitted = [self.gap.before, *(finding.gap.after for finding in self.found)]
-        held_out = [self.held_out_gap.before, *(finding.held_out_gap.after for finding in self.found)]
+        fitted = [self.gap.before, *(finding.gap.after for finding in self.listed)]
+        held_out = [self.held_out_gap.before, *(finding.held_out_gap.after for finding in self.listed)]
         for name, gaps, colour in (("fitted", fitted, "left"), ("held out", held_out, "fused")):
             axes.plot(labels, gaps, "o-", color=COLOURS[colour], label=name)
         if self.gap.floor is not None:
@@ -192,7 +198,7 @@ class MissingEffects:
         return Plot(figure)
 
     def __repr__(self) -> str:
-        names = ", ".join(f"{finding.effect} of {finding.scope}" for finding in self.found) or "nothing"
+        names = ", ".join(f"{finding.effect} of {finding.scope}" for finding in self.listed) or "nothing"
         return f"MissingEffects({self.verdict}: {names}; gap {self.before:.3f} → {self.after:.3f})"
 
     def _repr_html_(self) -> str:
@@ -200,11 +206,11 @@ class MissingEffects:
             (
                 finding.effect,
                 finding.scope,
-                ", ".join(format_parameter(name, value) for name, value in finding.parameters.items()),
+                ", ".join(format_parameters(finding)),
                 format_probability(finding.confidence),
                 f"{finding.gap.before:.3f} → {finding.gap.after:.3f}",
             )
-            for finding in self.found
+            for finding in self.listed
         ]
         table = html_table(("effect", "scope", "parameters", "confidence", "gap"), rows) if rows else ""
         return html_lines((describe_verdict(self),)) + table + html_lines(list_advice(self))

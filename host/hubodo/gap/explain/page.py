@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hubodo.gap.explain.descriptions import list_alternatives
 from hubodo.gap.explain.figures import (
     Channel,
     evidence_figure,
@@ -28,7 +29,7 @@ from hubodo.gap.explain.summary import (
     describe_reduction,
     describe_runner_up,
     describe_verdict,
-    format_parameter,
+    format_parameters,
     format_probability,
     list_advice,
 )
@@ -97,7 +98,7 @@ def gap_page(result: MissingEffects, written: str) -> str:
         Section(
             "Gap over time", "The gap of all channels along the log.", figures=[gap_over_time_figure(result)]
         ),
-        *(_evidence(finding) for finding in result.found),
+        *(_evidence(finding) for finding in result.listed),
         Section(
             "All channels",
             "Root mean square of the residuals in units of the declared noise. Noise: variation from "
@@ -169,7 +170,7 @@ def _hero(result: MissingEffects) -> str:
     parts.append(f'<div class="cards">{"".join(cards)}</div>')
     advice = "".join(f"<li>{html.escape(line)}</li>" for line in list_advice(result))
     parts.append(f'<div class="card missing fine"><h3>What to do</h3><ul class="todo">{advice}</ul></div>')
-    parts += [_effect_card(finding) for finding in result.found]
+    parts += [_effect_card(finding) for finding in result.listed]
     if result.warnings:
         lines = "".join(f"<li>{html.escape(line)}</li>" for line in result.warnings)
         parts.append(
@@ -207,7 +208,7 @@ def _confidence_card(result: MissingEffects) -> str:
             f"<p>that no known effect is missing</p></div>"
         )
     weakest = min(result.found, key=lambda finding: finding.confidence)
-    remark = ", the lowest of all names" if len(result.found) > 1 else ""
+    remark = ", the lowest of all names" if len(result.listed) > 1 else ""
     return (
         f'<div class="card"><h3>Confidence</h3>'
         f'<div class="big">{format_probability(weakest.confidence)}</div>'
@@ -217,12 +218,11 @@ def _confidence_card(result: MissingEffects) -> str:
 
 
 def _effect_card(finding: Finding) -> str:
-    values = ", ".join(format_parameter(name, one) for name, one in finding.parameters.items())
+    values = ", ".join(format_parameters(finding))
     indistinguishable = ""
     if finding.inseparable_from:
-        indistinguishable = (
-            f"<p>Not distinguishable from {html.escape(', '.join(finding.inseparable_from))} in this log.</p>"
-        )
+        others = html.escape(", ".join(list_alternatives(finding.inseparable_from)))
+        indistinguishable = f"<p>Not distinguishable from {others} in this log.</p>"
     words = describe_effect(finding)
     return (
         f'<div class="card missing"><b>{html.escape(words[:1].upper() + words[1:])}</b> '
@@ -235,8 +235,8 @@ def _effect_card(finding: Finding) -> str:
 
 def _steps_table(result: MissingEffects) -> PageTable:
     rows = [("model as given", "", _figure(result.gap.before), _figure(result.held_out_gap.before), "")]
-    for finding in result.found:
-        values = ", ".join(format_parameter(name, one) for name, one in finding.parameters.items())
+    for finding in result.listed:
+        values = ", ".join(format_parameters(finding))
         rows.append(
             (
                 f"+ {finding.effect} ({finding.scope})",

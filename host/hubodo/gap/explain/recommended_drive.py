@@ -59,7 +59,7 @@ def slider_figure(result: MissingEffects, channels: Sequence[Channel]) -> go.Fig
                 visible=number in (0, len(result.residual_steps)), row=position, col=1,
             )  # fmt: skip
             plot.update_yaxes(title_text=format_channel((name, row)), row=position, col=1)
-    labels = ["as given", *(f"+ {finding.effect}" for finding in result.found)][: len(result.residual_steps)]
+    labels = ["as given", *(f"+ {finding.effect}" for finding in result.listed)][: len(result.residual_steps)]
     per_step = len(channels)
     steps = [
         {

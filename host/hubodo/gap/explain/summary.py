@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hubodo.effects import BY_NAME
-from hubodo.effects.empirical import PREFIX
-from hubodo.gap.explain.descriptions import describe_manoeuvre
+from hubodo.gap.explain.descriptions import describe_manoeuvre, list_alternatives
 from hubodo.gap.explain.result import Estimate, Finding
+from hubodo.gap.explain.unnamed import describe_term, is_unnamed, merge_channels, select_amplitudes
 from hubodo.gap.state.terms import ALL, VEHICLE
 
 if TYPE_CHECKING:
@@ -32,6 +32,8 @@ _SURE_CONFIDENCE = 0.9
 _MAX_HELD_OUT_GROWTH = 1e-3
 # Ratio of estimated to declared noise, or its inverse, from which on advice is given.
 _MIN_NOISE_RATIO_FOR_ADVICE = 1.3
+# Probability below which the number would hide that the runner-up fits as well.
+_MIN_RUNNER_UP_PROBABILITY = 0.05
 _CONFIDENCE_WORDS = (
     (0.999, "almost certain"),
     (0.99, "very sure"),
@@ -42,14 +44,14 @@ _CONFIDENCE_WORDS = (
 
 def describe_verdict(result: MissingEffects) -> str:
     """Return the verdict as one sentence."""
-    missing = ", and ".join(describe_effect(finding) for finding in result.found)
+    missing = join_words([describe_effect(finding) for finding in merge_channels(result.found)])
     noise = list_noise_advice(result)
     if result.verdict == "no_gap":
         noise_remark = ", though not as large as declared" if noise else ""
         return f"Model and log agree: nothing is missing, the residual is noise{noise_remark}."
     if result.verdict == "explained":
         noise_remark = ", though not as large as declared" if noise else ""
-        has_unnamed = any(finding.effect.startswith(PREFIX) for finding in result.found)
+        has_unnamed = any(is_unnamed(finding) for finding in result.found)
         remedy = "taken into account" if has_unnamed else "in the model"
         return f"{_capitalise(missing)}: with that {remedy}, the residual is noise{noise_remark}."
     if result.verdict == "partly_explained":
@@ -59,8 +61,8 @@ def describe_verdict(result: MissingEffects) -> str:
 
 def describe_effect(finding: Finding) -> str:
     """Return the meaning of an effect and its place, such as "the wheel leans (right)"."""
-    if finding.effect.startswith(PREFIX):
-        return f"an unnamed term, {finding.effect.removeprefix(PREFIX).strip()}"
+    if is_unnamed(finding):
+        return f"an unnamed term ({describe_term(finding)})"
     words = BY_NAME[finding.effect].meaning
     place = {ALL: "all nodes", VEHICLE: ""}.get(finding.scope, finding.scope)
     return f"{words} ({place})" if place else words
@@ -73,6 +75,8 @@ def describe_confidence(confidence: float) -> str:
 
 def describe_reduction(before: float, after: float, floor: float | None) -> str:
     """Return the explained share of the excess over noise, in words; "" if there was no excess."""
+    if floor is not None and before <= floor:
+        return ""
     lowest = min(1.0 if floor is None else floor, after)
     excess = before**2 - lowest**2
     if excess <= 1e-6 or before - lowest < 2e-3:
@@ -103,6 +107,13 @@ def format_parameter(name: str, estimate: Estimate) -> str:
     return " ".join(part for part in (name, text, unit, angle) if part)
 
 
+def format_parameters(finding: Finding) -> list[str]:
+    """Return the parameters of a finding as `format_parameter` does; of an unnamed term the strongest."""
+    shown, n_others = select_amplitudes(finding)
+    more = [f"{n_others} further amplitudes: see gap.json"] if n_others else []
+    return [*(format_parameter(name, estimate) for name, estimate in shown.items()), *more]
+
+
 def format_angle(estimate: Estimate) -> str:
     """Return an angle, or its rate, in degrees; "" for another quantity."""
     factor, unit = _ANGLE_UNITS.get(estimate.unit, (1.0, ""))
@@ -126,14 +137,14 @@ def _exponent(value: float) -> int:
 
 def list_advice(result: MissingEffects) -> list[str]:
     """Return advice, one sentence each: what to measure next, then what to do with the model."""
-    listed = [finding for finding in result.found if not finding.effect.startswith(PREFIX)]
+    listed = [finding for finding in result.found if not is_unnamed(finding)]
     lines = _advise_measurements(result)
-    for finding in result.found:
-        if finding not in listed:
-            lines.append(
-                f"{finding.effect.removeprefix(PREFIX).strip()} is not explained by any known effect and not "
-                "in model.toml: look for its cause there. --reject empirical shows the nearest known effect."
-            )
+    lines += [
+        f"No known effect explains {describe_term(finding)}: model.toml has it as a formula without a name. "
+        "Look for its cause; --reject empirical shows the nearest known effect."
+        for finding in merge_channels(result.found)
+        if is_unnamed(finding)
+    ]
     if listed:
         lines += [_advise_model(result, listed)]
         lines.append(
@@ -147,27 +158,38 @@ def list_advice(result: MissingEffects) -> list[str]:
 
 
 def _advise_measurements(result: MissingEffects) -> list[str]:
-    """Return what to measure next, one sentence each."""
-    lines = []
-    for finding in result.found:
-        if finding.inseparable_from:
-            lines.append(
-                f"{finding.effect} could also be {' or '.join(finding.inseparable_from)}: "
-                f"{describe_manoeuvre(finding.effect, finding.inseparable_from)}."
-            )
-        elif finding.confidence < _SURE_CONFIDENCE:
-            lines.append(
-                f"{finding.effect} is uncertain: record longer, with more turns and changes of speed."
-            )
-        if not improves_held_out(finding):
-            lines.append(
-                f"{finding.effect} does not reduce the gap on held-out data: confirm it on another record."
-            )
+    """Return what to measure next, one sentence each; the same advice for several scopes is given once."""
+    scopes = dict[tuple[str, str], list[str]]()
+    for finding in merge_channels(result.found):
+        for words in _list_doubts(finding):
+            scopes.setdefault((finding.effect, words), []).append(finding.scope)
+    lines = [f"{_label_effect(effect, places)} {words}." for (effect, words), places in scopes.items()]
     channels = list(dict.fromkeys(item.channel for item in result.remaining))
     if channels:
         place = join_words(channels) if len(channels) <= 4 else f"{len(channels)} channels"
         lines.append(f"Inspect the residual of {place}.")
     return lines
+
+
+def _list_doubts(finding: Finding) -> list[str]:
+    """Return what is uncertain about a finding and how to resolve it, each as the rest of a sentence."""
+    doubts = []
+    if finding.inseparable_from:
+        manoeuvre = describe_manoeuvre(finding.effect, finding.inseparable_from)
+        doubts.append(
+            f"could also be {' or '.join(list_alternatives(finding.inseparable_from))}: {manoeuvre}"
+        )
+    elif finding.confidence < _SURE_CONFIDENCE:
+        doubts.append("is uncertain: record longer, with more turns and changes of speed")
+    if not improves_held_out(finding):
+        doubts.append("does not reduce the gap on held-out data: confirm it on another record")
+    return doubts
+
+
+def _label_effect(effect: str, scopes: Sequence[str]) -> str:
+    """Return a name with its places, such as `gyro_bias (left, right)`."""
+    places = ["all nodes" if scope == ALL else scope for scope in scopes if scope != VEHICLE]
+    return f"{effect} ({', '.join(places)})" if places else effect
 
 
 def improves_held_out(finding: Finding) -> bool:
@@ -177,16 +199,24 @@ def improves_held_out(finding: Finding) -> bool:
 
 def _advise_model(result: MissingEffects, listed: Sequence[Finding]) -> str:
     """Return advice for or against the written model, depending on held-out data."""
-    doubtful = [finding.effect for finding in listed if not improves_held_out(finding)]
-    if doubtful:
-        rejected = " ".join(f"--reject {name}" for name in dict.fromkeys(doubtful))
-        return f"Do not use model.toml as it is: on held-out data it is no better. Run again with {rejected}."
+    doubtful = [finding for finding in listed if not improves_held_out(finding)]
+    before, after = result.held_out_gap.before, result.held_out_gap.after
+    if after > before + _MAX_HELD_OUT_GROWTH:
+        names = [finding.effect for finding in doubtful or listed]
+        rejected = " ".join(f"--reject {name}" for name in dict.fromkeys(names))
+        return (
+            f"Do not use model.toml as it is: on held-out data its gap is larger, {after:.3f} instead of "
+            f"{before:.3f}. Run again with {rejected}."
+        )
     names = list(dict.fromkeys(finding.effect for finding in listed))
     of_drive = list(dict.fromkeys(finding.effect for finding in listed if finding.belongs_to_drive))
     remark = ""
+    if doubtful:
+        labels = join_words([_label_effect(finding.effect, [finding.scope]) for finding in doubtful])
+        remark = f" Its gap on held-out data is {after:.3f} ({before:.3f} before), without help of {labels}."
     if of_drive:
         belongs = "belongs" if len(of_drive) == 1 else "belong"
-        remark = (
+        remark += (
             f" {join_words(of_drive)} {belongs} to this drive and will be estimated again on the next one."
         )
     return f"Use the written model.toml on the next drive: it contains {join_words(names)}.{remark}"
@@ -221,6 +251,11 @@ def describe_runner_up(finding: Finding) -> str:
     if finding.runner_up is None:
         return "no other effect comes near"
     other, share = finding.runner_up
+    if other in finding.inseparable_from and share < min(
+        _MIN_RUNNER_UP_PROBABILITY, 1.0 - finding.confidence
+    ):
+        # It lost for its larger number of parameters, or on held-out samples.
+        return f"runner-up: {other}, which fits as well"
     return f"runner-up: {other}, probability {format_probability(share)}"
 
 
@@ -235,14 +270,14 @@ def list_model_comments(result: MissingEffects, log_name: str) -> dict[tuple[str
     """Return the comment above each added effect in `model.toml`."""
     comments = {}
     for finding in result.found:
-        if finding.effect.startswith(PREFIX):
+        if is_unnamed(finding):
             continue
         node = None if finding.scope in (ALL, VEHICLE) else finding.scope
         values = ", ".join(format_parameter(name, one) for name, one in finding.parameters.items())
         confidence = format_probability(finding.confidence)
         text = f"Added by hubodo gap from {log_name}: {values}; confidence {confidence}."
         if finding.inseparable_from:
-            text += f" Could also be {', '.join(finding.inseparable_from)}."
+            text += f" Could also be {', '.join(list_alternatives(finding.inseparable_from))}."
         comments[finding.effect, node] = f"{text}\n{finding.where}"
     return comments
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hubodo.gap.explain.descriptions import list_alternatives
 from hubodo.gap.explain.explanation import Explanation
 from hubodo.gap.explain.summary import (
     describe_confidence,
     describe_reduction,
     describe_runner_up,
     describe_verdict,
-    format_parameter,
+    format_parameters,
     format_probability,
     list_advice,
 )
@@ -39,12 +40,15 @@ def render_missing_effects(result: MissingEffects, console: Console) -> None:
     print_text(console, f"held out {held_out.before:.3f} → {held_out.after:.3f}; {result.held_out_kind}")
     if result.found:
         print_table(console, _EFFECT_HEADINGS, _effect_rows(result))
-    for finding in result.found:
+    for finding in result.listed:
         print_text(console, f"{finding.effect}: {finding.where}")
         confidence = f"{describe_confidence(finding.confidence)} ({format_probability(finding.confidence)})"
         print_text(console, f"  {confidence}; {describe_runner_up(finding)}")
         if finding.inseparable_from:
-            print_text(console, f"  not separable in this log from {', '.join(finding.inseparable_from)}")
+            print_text(
+                console,
+                f"  not separable in this log from {', '.join(list_alternatives(finding.inseparable_from))}",
+            )
     for residual in result.remaining:
         print_text(console, f"residual in {residual.channel}, {residual.where}: {residual.looks_like}")
     for explanation in result.explanations:
@@ -70,12 +74,12 @@ def _effect_rows(result: MissingEffects) -> list[tuple[str, ...]]:
         (
             finding.effect,
             finding.scope,
-            "\n".join(format_parameter(name, one) for name, one in finding.parameters.items()),
+            "\n".join(format_parameters(finding)),
             format_probability(finding.confidence),
             f"{finding.gap.before:.3f} → {finding.gap.after:.3f}",
             f"{finding.held_out_gap.before:.3f} → {finding.held_out_gap.after:.3f}",
         )
-        for finding in result.found
+        for finding in result.listed
     ]
 
 

@@ -57,10 +57,13 @@ def directions_of_terms(
 def move_terms(terms: Sequence[ModelTerm], steps: Sequence[Array]) -> list[ModelTerm]:
     """Return the terms, each moved by its step, (k,) in scales of its coordinates.
 
-    A step to impossible parameters is shortened.
+    A step to impossible parameters is shortened. Frozen coordinates retain their values exactly: the inverse
+    of an information matrix leaves them steps of rounding errors.
     """
     result = []
-    for term, step in zip(terms, steps, strict=True):
+    for term, full_step in zip(terms, steps, strict=True):
+        step = np.array(full_step)
+        step[list(term.frozen)] = 0.0
         for _ in range(_MAX_HALVINGS):
             candidate = term.with_coordinates(
                 term.effect.coordinates() + step * term.effect.coordinate_scales()

@@ -24,3 +24,10 @@ def test_a_step_to_impossible_parameters_is_shortened():
         step[-1] = sign * 50.0
         (shifted_term,) = move_terms([term], [step])
         assert shifted_term.effect.is_valid()
+
+
+def test_a_frozen_coordinate_retains_its_value_exactly():
+    term = ModelTerm(BY_NAME["lever_arm"](x=0.15), "left", frozen=(1, 2))
+    (shifted,) = move_terms([term], [np.array([1.0, 1e-17, -1e-15])])
+    values = shifted.effect.values()
+    assert values["x"] != 0.15 and (values["y"], values["z"]) == (0.0, 0.0)
