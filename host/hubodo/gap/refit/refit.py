@@ -56,6 +56,7 @@ class Refit:
         in a fit to two logs
     given_gain: gain of ln likelihood by differences of the given effects within their repeatability
     given_tempering: tempering of the coordinates and the given effects together
+    min_tempering: its lower bound, of noise as uneven as that of the log
     """
 
     evaluation: Evaluation
@@ -71,6 +72,7 @@ class Refit:
     channel_shares: Array | None = None
     given_gain: float = 0.0
     given_tempering: float = 1.0
+    min_tempering: float = 1.0
 
     @cached_property
     def fold_deviances(self) -> FoldDeviances:
@@ -147,7 +149,8 @@ class Refit:
         Few blocks scatter by chance; the excess that one in six such logs would show is deducted. Scores of
         given effects count as well: there are more of them than of one effect.
         """
-        tempering = compute_tempering(self.robust_covariance, self.covariance, len(self.block_scores))
+        measured = compute_tempering(self.robust_covariance, self.covariance, len(self.block_scores))
+        tempering = max(measured, self.min_tempering)
         given = self.given_indices
         return max(tempering, self.given_tempering) if given.stop > given.start else tempering
 
@@ -265,7 +268,8 @@ def linearise_fit(
     blocks = np.einsum("dk,bde,ef->bkf", transform, linearised.block_grams.unpack(), transform, optimize=True)
     gram, raw_squares = blocks.sum(axis=0), (transform.T**2 @ linearised.raw_squares)[:-1]
     k = sum(len(term.effect.coordinates()) for term in free_terms)
-    given_tempering = measure_tempering(blocks, raw_squares, basis.shape[1])
+    samples = evaluation.samples_per_block().sum(axis=1)
+    given_tempering, min_tempering = measure_tempering(blocks, raw_squares, basis.shape[1], samples)
     if baseline is None:
         prior = determine_prior(terms, gram, raw_squares, given_tempering)
     else:
@@ -295,11 +299,12 @@ def linearise_fit(
         score[:, :k],
         covariance,
         gram,
-        FoldGrams.of_blocks(blocks, raw_squares, evaluation.samples_per_block().sum(axis=1)),
+        FoldGrams.of_blocks(blocks, raw_squares, samples),
         prior,
         channel_squares / largest,
         given_gain,
         given_tempering,
+        min_tempering,
     )
 
 

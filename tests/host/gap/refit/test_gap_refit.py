@@ -12,7 +12,7 @@ from hubodo.gap.process_noise.tracking import estimate_weights, track_wheel_phas
 from hubodo.gap.refit import refit
 from hubodo.gap.refit.prior import adopt_prior, build_prior
 from hubodo.gap.refit.refit import fit_tracked, refit_with_weights
-from hubodo.gap.refit.tempering import compute_tempering
+from hubodo.gap.refit.tempering import compute_tempering, measure_tempering
 from hubodo.gap.state.terms import REPEATABILITY, ModelTerm
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
@@ -45,6 +45,22 @@ def test_a_nuisance_that_is_nearly_collinear_with_an_effect_does_not_imitate_cor
     tempering = compute_tempering(robust[own], covariance[own], n_blocks)
     assert tempering < 1.2, "seed 2"
     assert scores[:, 0] @ scores[:, 0] * covariance[0, 0] > 1000.0
+
+
+@pytest.mark.parametrize(("unevenness", "expected"), [(0.0, 1.0), (0.3, 3.5)])
+def test_noise_of_uneven_level_is_tempered_though_scores_of_few_blocks_show_no_correlation(
+    unevenness, expected
+):
+    """Residuals are independent of the column; their level differs between the folds."""
+    rng, n_blocks, n_samples = np.random.default_rng(4), 18, 500
+    level = 1.0 + unevenness * (np.arange(n_blocks) // 3 % 2)
+    column = np.ones((n_blocks, n_samples))
+    residual = level[:, None] * rng.standard_normal((n_blocks, n_samples))
+    rows = np.stack([column, residual], axis=1)
+    blocks = rows @ rows.transpose(0, 2, 1)
+    raw_squares, samples = np.array([float(n_blocks * n_samples)]), np.full(n_blocks, float(n_samples))
+    tempering, lower_bound = measure_tempering(blocks, raw_squares, 1, samples)
+    assert lower_bound == expected and expected <= tempering < expected + 1.0, "seed 4"
 
 
 def test_the_true_effect_reduces_the_phase_walk_and_the_fit_is_repeated_with_the_smaller_walk(
