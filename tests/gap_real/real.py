@@ -31,6 +31,7 @@ from two_drives import compare_pairs  # noqa: E402
 
 from hubodo.gap.explain.missing_effects import MissingEffects  # noqa: E402
 from hubodo.gap.explain.result import Finding  # noqa: E402
+from hubodo.gap.explain.unnamed import is_unnamed  # noqa: E402
 from hubodo.gap.workflow import find_gap  # noqa: E402
 from hubodo.model.model_file import Model, read_model  # noqa: E402
 from hubodo.model.model_text import write_model  # noqa: E402
@@ -58,6 +59,7 @@ class Row:
 
     is_named, is_accurate: the effect was named on its node, and with its size
     wrong: names that are neither the effect nor of this drive
+    unnamed: terms without a name, for structure that no known effect explains
     sure_right, sure: number of correct names with a confidence above 0.9, and of all such names, except
         those of the drive itself
     """
@@ -66,6 +68,7 @@ class Row:
     is_named: bool
     is_accurate: bool
     wrong: tuple[str, ...]
+    unnamed: tuple[str, ...]
     sure_right: int
     sure: int
     gap_before: float
@@ -129,7 +132,8 @@ def run_case(case: Case, folder: Path, seed: int) -> Row:
         case,
         bool(right),
         injection is not None and any(_is_accurate(one, injection, recorded) for one in right),
-        tuple(f"{one.effect}/{one.scope}" for one in others),
+        tuple(f"{one.effect}/{one.scope}" for one in others if not is_unnamed(one)),
+        tuple(f"{one.effect}/{one.scope}" for one in result.listed if is_unnamed(one)),
         sum(one in right for one in sure),
         len(sure),
         result.gap.before,
@@ -174,6 +178,7 @@ def print_summary(rows: Sequence[Row], own_gaps: Mapping[str, float]) -> None:
     print(
         f"wrong names beside an effect:           {sum(len(row.wrong) for row in effects)} in {len(effects)}"
     )
+    print(f"runs with a term without a name:        {sum(bool(row.unnamed) for row in rows)} of {len(rows)}")
     print(f"gap larger than before:                 {sum(row.gap_after > row.gap_before for row in rows)}")
     print(f"names above 0.9 that are right:         {sum(row.sure_right for row in rows)} of {sure}")
     print(f"seconds a run, median:                  {np.median([row.seconds for row in rows]):.0f}")
@@ -224,7 +229,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             verdict = "right" if row.is_accurate else "named" if row.is_named else "-"
             print(
                 f"{case.learnt_on} on {case.drive}, {label:38} {verdict:6} "
-                f"gap {row.gap_before:.3f} -> {row.gap_after:.3f}  {' '.join(row.wrong)}",
+                f"gap {row.gap_before:.3f} -> {row.gap_after:.3f}  {' '.join((*row.wrong, *row.unnamed))}",
                 flush=True,
             )
     print_summary(rows, own_gaps)

@@ -26,8 +26,8 @@ _MIN_CLEAR_GAIN = 40.0
 # Factor by which the prior odds of an effect may be wrong; it matters where another effect fits as well or
 # the gain is small.
 _PRIOR_UNCERTAINTY = 3.0
-# Upper limit of the confidence if something fits better, or if an unnamed term on the same node has this many
-# times its gain: the residual of such a term can imitate an effect.
+# Upper limit of the confidence of an unnamed term, and of an effect if something fits better or if an unnamed
+# term on the same node has this many times its gain: the residual of such a term can imitate an effect.
 _MAX_DOUBTED_CONFIDENCE, _MIN_UNNAMED_GAIN_RATIO = 0.8, 1.0
 
 # Parameter that is the shape of a drift, and how many sigmas determine it.
@@ -57,10 +57,9 @@ def build_finding(
         if hypothesis.term.effect.name != name
     }
     gains_below = {other: own.gain - gain for other, gain in gains.items()} if own is not None else {}
-    is_overshadowed = _is_overshadowed(term, result, rounds) or _is_contested(own, hypotheses)
     parameters = _list_parameters(term, result.final, own)
-    is_overshadowed |= result.rounds[-1].tempering > MIN_CORRELATED_TEMPERING and _is_shapeless(parameters)
-    confidence = _limit_confidence(probabilities.get(name, 0.0), own, gains_below, is_overshadowed)
+    is_doubted = _is_contested(own, hypotheses) or _is_doubted(term, parameters, result, rounds)
+    confidence = _limit_confidence(probabilities.get(name, 0.0), own, gains_below, is_doubted)
     scopes = _list_equal_scopes(hypotheses, own)
     confidence /= max(len(scopes), 1)
     others = sorted(
@@ -125,7 +124,7 @@ def _add_given_values(parameters: dict[str, Estimate], given: Effect | None) -> 
 
 
 def _limit_confidence(
-    probability: float, own: Hypothesis | None, gains_below: Mapping[str, float], is_overshadowed: bool
+    probability: float, own: Hypothesis | None, gains_below: Mapping[str, float], is_doubted: bool
 ) -> float:
     """Return the confidence, limited by alternatives.
 
@@ -136,11 +135,22 @@ def _limit_confidence(
     is_beaten = any(difference < -MAX_SIMILAR_GAIN for difference in gains_below.values())
     similar = [other for other, difference in gains_below.items() if difference < MAX_SIMILAR_GAIN]
     is_faint = own is not None and own.gain < _MIN_CLEAR_GAIN
-    if is_beaten or is_overshadowed or (similar and is_faint):
+    if is_beaten or is_doubted or (similar and is_faint):
         probability = min(probability, _MAX_DOUBTED_CONFIDENCE)
     if is_faint or any(not other.startswith(PREFIX) for other in similar):
         probability /= probability + _PRIOR_UNCERTAINTY * (1.0 - probability)
     return probability
+
+
+def _is_doubted(
+    term: ModelTerm, parameters: Mapping[str, Estimate], result: SearchResult, rounds: RoundsByKey
+) -> bool:
+    """Return True if another cause or formula would leave nearly the same residual."""
+    if term.effect.name.startswith(PREFIX):
+        # The structure is there, but a formula with the spin fits about as well as one with its square.
+        return True
+    is_correlated = result.rounds[-1].tempering > MIN_CORRELATED_TEMPERING
+    return _is_overshadowed(term, result, rounds) or (is_correlated and _is_shapeless(parameters))
 
 
 def _is_overshadowed(term: ModelTerm, result: SearchResult, rounds: RoundsByKey) -> bool:

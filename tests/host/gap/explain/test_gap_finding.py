@@ -3,8 +3,14 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
-from hubodo.effects import BY_NAME
-from hubodo.gap.explain.finding import _is_contested, _is_shapeless, _limit_confidence, _list_equal_scopes
+from hubodo.effects import BY_NAME, effect_of
+from hubodo.gap.explain.finding import (
+    _is_contested,
+    _is_doubted,
+    _is_shapeless,
+    _limit_confidence,
+    _list_equal_scopes,
+)
 from hubodo.gap.explain.result import Estimate
 from hubodo.gap.judge.hypothesis import UNHELPFUL, Hypothesis
 from hubodo.gap.refit.cross_validation import HeldOutGain
@@ -40,6 +46,14 @@ def test_an_effect_is_contested_by_one_that_fits_as_well_and_only_fails_on_held_
     assert not _is_contested(own, [own, replace(skew, objection="not physical")])
     more_coordinates = ModelTerm(BY_NAME["gyro_nonorthogonality"](), "all")
     assert not _is_contested(own, [own, replace(skew, term=more_coordinates)])
+
+
+def test_a_formula_without_a_name_is_one_of_several_that_fit():
+    state = SimpleNamespace(terms=(), problem=SimpleNamespace(nodes=()))
+    result = SimpleNamespace(final=SimpleNamespace(state=state), rounds=[SimpleNamespace(tempering=1.0)])
+    unnamed = ModelTerm(effect_of("empirical:gx ~ spin^2*cos(2*theta)")(), "left")
+    assert _is_doubted(unnamed, {}, result, {})
+    assert not _is_doubted(ModelTerm(BY_NAME["lever_arm"](), "left"), {}, result, {})
 
 
 def test_a_drift_without_a_known_time_constant_may_be_another_one():
