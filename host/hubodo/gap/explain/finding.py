@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from math import exp, isclose
 
 import numpy as np
 
 from hubodo.effects import Effect
 from hubodo.effects.empirical import PREFIX
+from hubodo.effects.plausibility import implausible_parameters
 from hubodo.gap.explain.descriptions import describe_manoeuvre, describe_where
 from hubodo.gap.explain.result import BeforeAfter, Estimate, Finding
 from hubodo.gap.judge.hypothesis import MIN_CORRELATED_TEMPERING, UNHELPFUL, Hypothesis
@@ -26,8 +28,8 @@ _MIN_CLEAR_GAIN = 40.0
 # Factor by which the prior odds of an effect may be wrong; it matters where another effect fits as well or
 # the gain is small.
 _PRIOR_UNCERTAINTY = 3.0
-# Upper limit of the confidence of an unnamed term, and of an effect if something fits better or if an unnamed
-# term on the same node has this many times its gain: the residual of such a term can imitate an effect.
+# Upper limit of the confidence of an unnamed term, and of an effect at a plausible limit, if something fits
+# better, or if an unnamed term on the same node has this many times its gain, whose residual can imitate it.
 _MAX_DOUBTED_CONFIDENCE, _MIN_UNNAMED_GAIN_RATIO = 0.8, 1.0
 
 # Parameter that is the shape of a drift, and how many sigmas determine it.
@@ -60,8 +62,9 @@ def build_finding(
     parameters = _list_parameters(term, result.final, own)
     is_doubted = _is_contested(own, hypotheses) or _is_doubted(term, parameters, result, rounds)
     confidence = _limit_confidence(probabilities.get(name, 0.0), own, gains_below, is_doubted)
-    scopes = _list_equal_scopes(hypotheses, own)
-    confidence /= max(len(scopes), 1)
+    equal = _list_equal_scopes(hypotheses, own)
+    if own is not None and equal:
+        confidence *= own.probability / sum(one.probability for one in equal)
     others = sorted(
         ((probability, other) for other, probability in probabilities.items() if other != name), reverse=True
     )
@@ -72,8 +75,8 @@ def build_finding(
     )
     where = own.proposal.where if own is not None and own.proposal is not None else ""
     where = where or describe_where(*residuals)
-    if len(scopes) > 1:
-        where += f"; which of {', '.join(scopes)} it is remains in doubt"
+    if len(equal) > 1:
+        where += f"; which of {', '.join(one.term.scope for one in equal)} it is remains in doubt"
     if inseparable:
         where += "; " + describe_manoeuvre(name, inseparable)
     return Finding(
@@ -91,15 +94,23 @@ def build_finding(
     )
 
 
-def _list_equal_scopes(hypotheses: Sequence[Hypothesis], own: Hypothesis | None) -> list[str]:
-    """Return the scopes that share the probability of the effect: the log does not distinguish them."""
+def _list_equal_scopes(hypotheses: Sequence[Hypothesis], own: Hypothesis | None) -> list[Hypothesis]:
+    """Return the scopes that share the probability of the effect: the log does not distinguish them.
+
+    They share it in proportion to the priors of their values, see `share_between_scopes`.
+    """
     if own is None or own.probability <= 0.0:
         return []
     return [
-        one.term.scope
+        one
         for one in hypotheses
-        if one.term.effect.name == own.term.effect.name and one.probability == own.probability
+        if one.term.effect.name == own.term.effect.name
+        and isclose(_likelihood_share(one), _likelihood_share(own), rel_tol=1e-6)
     ]
+
+
+def _likelihood_share(one: Hypothesis) -> float:
+    return one.probability * exp(one.term.effect.neg_log_prior())
 
 
 def _list_alternatives(
@@ -148,6 +159,9 @@ def _is_doubted(
     """Return True if another cause or formula would leave nearly the same residual."""
     if term.effect.name.startswith(PREFIX):
         # The structure is there, but a formula with the spin fits about as well as one with its square.
+        return True
+    if implausible_parameters(term.effect):
+        # The fit wants more than is plausible.
         return True
     is_correlated = result.rounds[-1].tempering > MIN_CORRELATED_TEMPERING
     return _is_overshadowed(term, result, rounds) or (is_correlated and _is_shapeless(parameters))

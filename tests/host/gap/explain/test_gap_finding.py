@@ -12,10 +12,12 @@ from hubodo.gap.explain.finding import (
     _list_equal_scopes,
 )
 from hubodo.gap.explain.result import Estimate
+from hubodo.gap.judge.comparison import share_between_scopes
 from hubodo.gap.judge.hypothesis import UNHELPFUL, Hypothesis
 from hubodo.gap.refit.cross_validation import HeldOutGain
 from hubodo.gap.state.terms import ModelTerm
 
+STATE = SimpleNamespace()
 STRONG_HYPOTHESIS, WEAK_HYPOTHESIS = SimpleNamespace(gain=500.0), SimpleNamespace(gain=20.0)
 
 
@@ -32,9 +34,24 @@ def test_scopes_that_share_the_probability_are_listed():
         Hypothesis(ModelTerm(BY_NAME[name](), scope), 1.0, 1.0, probability)
         for name, scope, probability in (*rows, ("clock_skew", "left", 0.5))
     ]
-    assert _list_equal_scopes(hypotheses, hypotheses[1]) == ["left", "right"]
+    assert [one.term.scope for one in _list_equal_scopes(hypotheses, hypotheses[1])] == ["left", "right"]
     assert _list_equal_scopes(hypotheses, hypotheses[2]) == []
     assert _list_equal_scopes(hypotheses, None) == []
+
+
+def test_scopes_share_the_probability_though_the_priors_of_their_values_differ():
+    """Only the difference of two gyros is known: a smaller warm-up of both is as likely as one of either."""
+    values = {"left": 0.055, "right": 0.06, "all": 0.028}
+    hypotheses = [
+        Hypothesis(
+            ModelTerm(BY_NAME["gyro_warmup"](z=z, time_constant=t), scope), 1e4, 500.0, 1.0, state=STATE
+        )
+        for (scope, z), t in zip(values.items(), (24.0, 30.0, 25.5), strict=True)
+    ]
+    held_out = HeldOutGain(1e4, 100.0, 9e3, 3e3)
+    shared = share_between_scopes([replace(one, held_out_gain=held_out) for one in hypotheses])
+    assert len({one.probability for one in shared}) > 1
+    assert {one.term.scope for one in _list_equal_scopes(shared, shared[0])} == set(values)
 
 
 def test_an_effect_is_contested_by_one_that_fits_as_well_and_only_fails_on_held_out_samples():
@@ -54,6 +71,14 @@ def test_a_formula_without_a_name_is_one_of_several_that_fit():
     unnamed = ModelTerm(effect_of("empirical:gx ~ spin^2*cos(2*theta)")(), "left")
     assert _is_doubted(unnamed, {}, result, {})
     assert not _is_doubted(ModelTerm(BY_NAME["lever_arm"](), "left"), {}, result, {})
+
+
+def test_an_effect_at_its_plausible_limit_may_be_another_one():
+    state = SimpleNamespace(terms=(), problem=SimpleNamespace(nodes=()))
+    result = SimpleNamespace(final=SimpleNamespace(state=state), rounds=[SimpleNamespace(tempering=1.0)])
+    for xz, is_doubted in ((0.15, True), (0.03, False)):
+        term = ModelTerm(BY_NAME["accel_nonorthogonality"](xz=xz), "all")
+        assert _is_doubted(term, {}, result, {}) == is_doubted
 
 
 def test_a_drift_without_a_known_time_constant_may_be_another_one():
