@@ -202,10 +202,6 @@ class NodeModel:
         """Clear the cached motion of the node, which is large for a long log."""
         self._cached_motion.clear()
 
-    def body_at_stamps(self) -> BodyMotion:
-        """Return the motion of the vehicle at the time stamps, cached."""
-        return self._body([], 0.0)
-
     def geometry(self, effects: Iterable[Effect]) -> Geometry:
         """Return the geometry of vehicle and wheel with the effects."""
         geometry = Geometry(self.mount.side, self.wheel_radius, self.track_width)

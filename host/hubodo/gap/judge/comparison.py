@@ -7,7 +7,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from hubodo.effects.empirical import PREFIX
-from hubodo.gap.judge.hypothesis import DOUBTFUL_LEVEL, MIN_CORRELATED_TEMPERING, Hypothesis
+from hubodo.gap.judge.hypothesis import (
+    DOUBTFUL_LEVEL,
+    MIN_CORRELATED_GAIN,
+    MIN_CORRELATED_TEMPERING,
+    MIN_HELD_OUT_Z,
+    Hypothesis,
+)
+from hubodo.gap.refit.cross_validation import compare_gains
+from hubodo.gap.refit.prune import MODEL_IMPRECISION
 from hubodo.gap.state.terms import ALL
 
 # Chosen, and judged together with the other settings of the search, by `make gap-matrix`.
@@ -43,7 +51,7 @@ def prefer_simple(ordered: tuple[Hypothesis, ...], tempering: float) -> tuple[Hy
     best_gain = max(gains.values(), default=0.0)
     chosen = next((k for k, gain in gains.items() if gain > best_gain - penalty), 0)
     chosen = max(
-        _list_equal_scopes(ordered, chosen),
+        _list_equal_scopes(ordered, chosen, tempering),
         key=lambda k: _score_scope(ordered[k], tempering),
         default=chosen,
     )
@@ -51,7 +59,7 @@ def prefer_simple(ordered: tuple[Hypothesis, ...], tempering: float) -> tuple[Hy
     result[0] = replace(ordered[chosen], probability=first.probability)
     if chosen:
         result[chosen] = replace(first, probability=ordered[chosen].probability)
-    return share_between_scopes(result)
+    return share_between_scopes(result, tempering)
 
 
 def _score_scope(one: Hypothesis, tempering: float) -> float:
@@ -64,13 +72,13 @@ def _score_scope(one: Hypothesis, tempering: float) -> float:
     return one.determined_gain / tempering + log_prior
 
 
-def share_between_scopes(ordered: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
+def share_between_scopes(ordered: Sequence[Hypothesis], tempering: float) -> tuple[Hypothesis, ...]:
     """Divide the probability of the first hypothesis among scopes with equal gain on held-out samples.
 
     A speed measured by two wheels, for example, shows only the difference of their clocks, and either may be
     wrong. The scopes share in proportion to their priors.
     """
-    scopes = _list_equal_scopes(ordered, 0)
+    scopes = _list_equal_scopes(ordered, 0, tempering)
     if len(scopes) < 2:
         return tuple(ordered)
     priors = {k: math.exp(-ordered[k].term.effect.neg_log_prior()) for k in scopes}
@@ -80,11 +88,8 @@ def share_between_scopes(ordered: Sequence[Hypothesis]) -> tuple[Hypothesis, ...
     )
 
 
-def _list_equal_scopes(hypotheses: Sequence[Hypothesis], index: int) -> list[int]:
-    """Return the scopes of the effect of one hypothesis that gain most on held-out samples.
-
-    Gains of as many coordinates are equal if a varying noise level could produce their difference.
-    """
+def _list_equal_scopes(hypotheses: Sequence[Hypothesis], index: int, tempering: float) -> list[int]:
+    """Return the scopes of the effect of one hypothesis that gain most on held-out samples."""
     one = hypotheses[index]
     scopes = [
         k
@@ -95,7 +100,22 @@ def _list_equal_scopes(hypotheses: Sequence[Hypothesis], index: int) -> list[int
         and not other.objection
     ]
     best = max((hypotheses[k] for k in scopes), key=lambda other: other.held_out_total, default=one)
-    return [k for k in scopes if best.held_out_total - hypotheses[k].held_out_total <= best.doubtful_gain]
+    return [k for k in scopes if not _is_better_scope(best, hypotheses[k], tempering)]
+
+
+def _is_better_scope(best: Hypothesis, other: Hypothesis, tempering: float) -> bool:
+    """Return True if the scope of one hypothesis is better than another of as many coordinates.
+
+    Its advantage exceeds what a varying noise level could produce, or it has one in nearly all folds, whose
+    level is the same for both, and more than correlation or an imprecise model leave in doubt.
+    """
+    if best.held_out_total - other.held_out_total > best.doubtful_gain:
+        return True
+    if best.held_out_gain is None or other.held_out_gain is None:
+        return False
+    advantage, z = compare_gains(best.held_out_gain, other.held_out_gain)
+    doubt = max(MIN_CORRELATED_GAIN * tempering, MODEL_IMPRECISION**2 * best.gain)
+    return advantage > doubt and z > MIN_HELD_OUT_Z
 
 
 def object_to_substitutes(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:

@@ -26,7 +26,7 @@ from hubodo.gap.state.terms import ModelTerm
 _MAX_GAIN_RATIO, _MAX_EXTRA_GAIN = 20.0, 20.0
 # Held-out gain, in sigma and as a share of the gain, that a hypothesis needs where residuals are correlated;
 # in white noise the likelihood suffices.
-_MIN_HELD_OUT_Z, _MIN_HELD_OUT_SHARE = 2.5, 0.3
+MIN_HELD_OUT_Z, _MIN_HELD_OUT_SHARE = 2.5, 0.3
 # Smallest held-out gain of a property of the vehicle, in sigma due to a noise level that varies along the
 # road. There is no such limit for offsets and clocks, which differ from drive to drive. The larger value is
 # for unnamed terms; the smaller one grows with the coordinates beyond those of a triad.
@@ -233,7 +233,7 @@ def helps_held_out(gain: float, held_out_gain: HeldOutGain, tempering: float) ->
     """Return True if a term gains more on held-out samples than correlated residuals do by chance."""
     correlated_share = 1.0 - 1.0 / tempering
     return (
-        held_out_gain.z >= _MIN_HELD_OUT_Z * correlated_share
+        held_out_gain.z >= MIN_HELD_OUT_Z * correlated_share
         and held_out_gain.total >= _MIN_HELD_OUT_SHARE * correlated_share * gain
     )
 

@@ -54,6 +54,7 @@ class SpeedCoupling:
                 sources,
                 self._state.problem.speed_weights,
                 {node.name: self._read(node, effect) for node in changed_sources},
+                {node.name: self._state.speed_errors[node.name].true_times for node in changed_sources},
             )
             speed = self._state.problem.speed_filter.apply(speed)
         else:

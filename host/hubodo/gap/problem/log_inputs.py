@@ -12,6 +12,7 @@ from hubodo.effects.sensor_chain import REFERENCE_CELSIUS
 from hubodo.errors import InputError
 from hubodo.fuse.wheel.window import WINDOW_S
 from hubodo.fuse.wheel_odometry import compute_wheel_odometry
+from hubodo.gap.problem.clock_alignment import align_times
 from hubodo.gap.problem.motion_band import estimate_motion_band
 from hubodo.gap.problem.saturation import is_spin_saturated, weigh_speed_sources
 from hubodo.model.inputs import Trace
@@ -146,7 +147,7 @@ def _read_speed(
     elif name.startswith("nodes.") and name.endswith(".gz"):
         sources = [name.split(".")[1]]
     else:
-        smooth_speed, first, last = _read_column(recording, name, origin, log_name)
+        smooth_speed, first, last = _read_column(recording, model, name, origin, log_name)
         return smooth_speed, first, last, ()
     parts, saturated = [], []
     for source in sources:
@@ -163,7 +164,8 @@ def _read_speed(
     weights = weigh_speed_sources(t, saturated)
     # The yaw rate matters where only one of two wheels measures.
     speed = (weights * midpoint).sum(axis=0) if len(speeds) > 1 else speeds[0]
-    band = estimate_motion_band(t, *np.where(weights > 0.0, midpoint, speed)[:2])
+    valid = np.where(weights > 0.0, midpoint, speed)
+    band = estimate_motion_band(t, valid[0], None if len(valid) < 2 else (t, valid[1]))
     return fit_smoothing_spline(t, speed, band), float(first), float(last), tuple(sources)
 
 
@@ -186,13 +188,16 @@ def _read_yaw_rate(
         return None, -np.inf, np.inf
     if name == "nodes":
         return _yaw_rate_from_wheels(recording, model, origin, log_name)
-    return _read_column(recording, name, origin, log_name, _wheel_difference(recording, model))
+    return _read_column(recording, model, name, origin, log_name, is_yaw_rate=True)
 
 
-def _wheel_difference(recording: Recording, model: Model) -> tuple[Array, Array] | None:
+def _wheel_difference(
+    recording: Recording, model: Model, t: Array, yaw_rate: Array
+) -> tuple[Array, Array] | None:
     """Return times, s, and the yaw rate, rad/s, from the speeds of two wheels; None if there are not two.
 
-    While one of them is saturated, the yaw rate is NaN.
+    A delay between the wheels makes each change of speed a difference: it is removed, for which another yaw
+    rate is needed, (N,) rad/s at the times t. While one of them is saturated, the yaw rate is NaN.
     """
     wheels = {
         mount.side: (recording.nodes[name], facing_sign(mount.facing or "left"))
@@ -202,8 +207,10 @@ def _wheel_difference(recording: Recording, model: Model) -> tuple[Array, Array]
     if len(wheels) < 2:
         return None
     (left, left_sign), (right, right_sign) = wheels["left"], wheels["right"]
+    turning = np.interp(left.t, t, yaw_rate)
+    right_t = align_times(left.t, left_sign * left["gz"], right.t, right_sign * right["gz"], turning)
     rates = [np.where(is_spin_saturated(wheel), np.nan, wheel["gz"]) for wheel in (left, right)]
-    difference = right_sign * np.interp(left.t, right.t, rates[1]) - left_sign * rates[0]
+    difference = right_sign * np.interp(left.t, right_t, rates[1]) - left_sign * rates[0]
     return left.t, difference * model.vehicle.wheel_radius / model.vehicle.track_width
 
 
@@ -223,23 +230,26 @@ def _yaw_rate_from_wheels(
 
 def _read_column(
     recording: Recording,
+    model: Model,
     name: str,
     origin: float,
     log_name: str,
-    second_sensor: tuple[Array, Array] | None = None,
+    is_yaw_rate: bool = False,
 ) -> tuple[SmoothingSpline, float, float]:
     """Return a smoothed column of the log by its name, `reference.speed` or `frame.gz`, and its time span.
 
-    second_sensor: times, s, and samples of another sensor of the same motion, if there is one
+    is_yaw_rate: True if two wheels measure the same motion
     """
     table, column = _find_input(recording, name, log_name)
     if len(table) < 10:
         raise InputError(f"{log_name}: the model's input {name!r} has {len(table)} rows; too few")
     t = table.t - origin
-    values, other = table[column], None
-    if second_sensor is not None:
-        other = np.interp(table.t, *second_sensor)
-        other = np.where(np.isnan(other), values, other)
+    values = table[column]
+    other = _wheel_difference(recording, model, table.t, values) if is_yaw_rate else None
+    if other is not None:
+        other_t, difference = other
+        same = np.interp(other_t, table.t, values)
+        other = other_t - origin, np.where(np.isnan(difference), same, difference)
     return _smooth_input(t, values, other), float(t[0]), float(t[-1])
 
 
@@ -255,10 +265,12 @@ def _find_input(recording: Recording, name: str, log_name: str) -> tuple[Table, 
     return table, column
 
 
-def _smooth_input(t: Array, values: Array, second_sensor: Array | None = None) -> SmoothingSpline:
+def _smooth_input(
+    t: Array, values: Array, second_sensor: tuple[Array, Array] | None = None
+) -> SmoothingSpline:
     """Return the smooth function behind an input; a constant level in white noise becomes its mean.
 
-    second_sensor: (N,) samples of another sensor of the same motion, if there is one
+    second_sensor: times, s, and samples of another sensor of the same motion, if there is one
     """
     white = float(np.median(np.abs(np.diff(values)))) / 0.6745 / np.sqrt(2.0)
     if float(np.std(values)) <= _MAX_CONSTANT_RATIO * white or not np.ptp(values):

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from hubodo.arrays import Array
+from hubodo.gap.problem.clock_alignment import align_times
 
 # Spectra are means over at least this many half overlapping segments, and over bands of this ratio.
 _MIN_SEGMENTS, _BAND_RATIO = 12, 2.0 ** (1.0 / 3.0)
@@ -17,14 +18,16 @@ _MAX_SEGMENT_DURATION, _MIN_SEGMENT_SAMPLES = 10.0, 64  # s, and samples
 _EQUAL_POWER, _EQUAL_COHERENCE = 2.0, 0.5
 
 
-def estimate_motion_band(t: Array, value: Array, second_sensor: Array | None = None) -> float:
+def estimate_motion_band(t: Array, value: Array, second_sensor: tuple[Array, Array] | None = None) -> float:
     """Return the frequency, Hz, up to which samples show motion; infinite if there is no sign of vibration.
 
     Motion ends where a second sensor of the same motion is no longer coherent. Without a second sensor, the
     spectrum decides: that of motion falls, so a rise beyond a valley is vibration, and motion ends where the
     spectrum first comes down to the power of the deepest valley.
 
-    t: (N,) s; value: (N,); second_sensor: (N,) another sensor's samples of the same motion, up to a factor
+    t: (N,) s; value: (N,); second_sensor: times, (M,) s, and samples of another sensor of the same motion
+
+    The clocks of both are aligned first: a delay is no vibration.
     """
     step = float(np.median(np.diff(t)))
     grid = np.arange(t[0], t[-1], step)
@@ -32,7 +35,10 @@ def estimate_motion_band(t: Array, value: Array, second_sensor: Array | None = N
     if segment < _MIN_SEGMENT_SAMPLES:
         return np.inf
     samples = np.interp(grid, t, value)
-    others = samples if second_sensor is None else np.interp(grid, t, second_sensor)
+    others = samples
+    if second_sensor is not None:
+        other_t, other = second_sensor
+        others = np.interp(grid, align_times(t, value, other_t, other, np.zeros_like(t)), other)
 
     def band_powers(a: Array, b: Array) -> Array:
         power = _cross_power(a, b, segment)
@@ -49,6 +55,8 @@ def estimate_motion_band(t: Array, value: Array, second_sensor: Array | None = N
     else:
         common = band_powers(samples, others)
         is_noise = common <= _EQUAL_COHERENCE * np.sqrt(power * band_powers(others, others))
+        # The coherence of one band scatters by 0.1: a dip is not the end of the motion.
+        is_noise[:-1] &= is_noise[1:]
         if not is_noise.any():
             return np.inf
     return edges[int(np.argmax(is_noise))] / (segment * step)

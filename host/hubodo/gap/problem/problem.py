@@ -15,7 +15,7 @@ from hubodo.model.forward import NodeModel
 from hubodo.model.inputs import MotionInputs
 from hubodo.model.model_file import Model
 from hubodo.smoothing_spline import LowPass
-from hubodo.vehicle import NodeMount
+from hubodo.vehicle import NodeMount, facing_sign
 
 CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
 # Nodes with fewer samples are ignored.
@@ -120,6 +120,16 @@ class Problem:
     def speed_filter(self) -> LowPass:
         """Return the filter of the measured speed, at the stamps of the first of these gyros."""
         return LowPass(self.speed_source_nodes[0].t, self.inputs.speed.cutoff)
+
+    @cached_property
+    def wheel_speeds(self) -> Mapping[str, Array]:
+        """Return the speed that each of these gyros measured, (N,) m/s, smoothed like their mean."""
+        return {
+            node.name: LowPass(node.t, self.inputs.speed.cutoff).apply(
+                facing_sign(node.mount.facing or "left") * node.forward.wheel_radius * node.y[2]
+            )
+            for node in self.speed_source_nodes
+        }
 
     def select(self, samples: Mapping[str, slice]) -> Problem:
         """Return a copy with some samples of each node."""

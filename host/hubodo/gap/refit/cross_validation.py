@@ -58,12 +58,14 @@ class HeldOutGain:
     sigma: 1 sigma of the total, from the scatter of the folds about a constant share of their own gains
     level_sigma: 1 sigma of the log-likelihood due to noise whose level differs from fold to fold
     max_doubt: largest gain that is in doubt at any level
+    own_folds: gain of each fold under the fit to all folds
     """
 
     total: float
     sigma: float
     level_sigma: float
     max_doubt: float = np.inf
+    own_folds: tuple[float, ...] = ()
 
     @property
     def z(self) -> float:
@@ -127,4 +129,19 @@ def compute_held_out_gain(before: FoldDeviances, after: FoldDeviances) -> HeldOu
     share = total / max(float(own.sum()), 1e-9)
     scatter = held_out - share * own
     sigma = float(np.sqrt(scatter @ scatter * len(own) / max(len(own) - 1, 1)))
-    return HeldOutGain(total, sigma, 0.5 * after.level_scatter)
+    return HeldOutGain(total, sigma, 0.5 * after.level_scatter, own_folds=tuple(own.tolist()))
+
+
+def compare_gains(one: HeldOutGain, other: HeldOutGain) -> tuple[float, float]:
+    """Return by how much one fit gains more than another of as many coordinates, and that in sigma.
+
+    Whatever varies from fold to fold for both alike, such as the level of the noise, cancels.
+
+    References: Q. H. Vuong, Likelihood ratio tests for model selection and non-nested hypotheses, 1989.
+    """
+    advantage = np.array(one.own_folds) - np.array(other.own_folds)
+    if len(advantage) < 2:
+        return 0.0, 0.0
+    sigma = float(np.std(advantage, ddof=1)) * np.sqrt(len(advantage))
+    total = float(advantage.sum())
+    return total, total / max(sigma, 1e-9)

@@ -10,20 +10,16 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.effects import Effect
 from hubodo.effects.sensor_chain import SensorChain
-from hubodo.gap.problem.problem import NodeData
+from hubodo.gap.problem.problem import NodeData, Problem
 from hubodo.model.forward import NodeInitialState
 from hubodo.vehicle import facing_sign
-
-# Repetitions of the correction for late gyros: each leaves a share sin(π f d) of the error at the frequency f
-# for a delay d, at 1 Hz and 0.1 s a third.
-_CLOCK_PASSES = 4
 
 
 @dataclass(frozen=True)
 class SpeedError:
     """Error of the speed measured by one gyro.
 
-    correction: (N,) m/s to be added to the measured speed
+    correction: (N,) m/s to be added to the measured speed, without that for late readings
     correction_per_rate: (N,) m, change of the correction per rad/s of gyro error
     angle: (N,) rad, wheel angle for which the error of the gyro was computed
     true_times: (N,) s, when the gyro was read, according to its clock effects
@@ -59,10 +55,6 @@ def compute_speed_error(
     turning = np.abs(rolling.spin) > 1e-2
     radius = np.where(turning, contact / np.where(turning, rolling.spin, 1.0), nominal)
     error = (radius / nominal - 1.0) * contact - radius * gyro_error
-    if not np.array_equal(body.t, node.t):
-        # The true sampling times of the gyro differ from its stamps.
-        stamped = node.forward.body_at_stamps()
-        error += stamped.speed - stamped.yaw_rate * y - contact
     correction = error + body.yaw_rate * y if is_only_source else error
     return SpeedError(correction, -facing * radius, rolling.angle, body.t)
 
@@ -78,41 +70,43 @@ def build_measuring_chain(
     return node.forward.true_signals(mean_effects, NodeInitialState(), phase_offset)[0]
 
 
-def correct_measured_speed(
-    sources: Sequence[NodeData], weights: Array, errors: Mapping[str, SpeedError]
-) -> Array:
-    """Return the correction of a speed that gyros measured, (N,) m/s, at the time stamps of the first source.
+def correct_measured_speed(problem: Problem, errors: Mapping[str, SpeedError]) -> Array:
+    """Return the correction of a speed that gyros measured, (N,) m/s, at the stamps of the first of them.
 
-    weights: (S, N), as in `Problem.speed_weights`
     errors: by node
 
-    The error of a late gyro is the change of the speed within its delay, but the measured speed itself
-    contains late readings: their errors are computed again with the corrected speed until they agree.
+    Readings of a gyro whose clock is wrong are shifted to the times at which they were taken. The mean speed
+    of two gyros alone does not show what was lost in it: at 2.5 Hz, readings that are 0.2 s late cancel the
+    punctual ones.
     """
+    sources, weights = problem.speed_source_nodes, problem.speed_weights
     changes = {name: error.correction for name, error in errors.items()}
-    correction, t = average_speed_errors(sources, weights, changes), sources[0].t
-    shifted = {
-        node.name: node.t for node in sources if not np.array_equal(errors[node.name].true_times, node.t)
-    }
-    for _ in range(_CLOCK_PASSES if shifted else 0):
-        for name, stamps in shifted.items():
-            stamped = correction if stamps is t else np.interp(stamps, t, correction)
-            late = stamped - np.interp(errors[name].true_times, t, correction)
-            changes[name] = errors[name].correction + late
-        correction = average_speed_errors(sources, weights, changes)
+    times, t = {name: error.true_times for name, error in errors.items()}, sources[0].t
+    correction = problem.speed_filter.apply(average_speed_errors(sources, weights, changes, times))
+    for node, weight in zip(sources, weights, strict=True):
+        if not np.array_equal(times[node.name], node.t):
+            speed = problem.wheel_speeds[node.name]
+            shift = np.interp(t, times[node.name], speed) - np.interp(t, node.t, speed)
+            correction = correction + weight * shift
     return correction
 
 
-def average_speed_errors(sources: Sequence[NodeData], weights: Array, errors: Mapping[str, Array]) -> Array:
+def average_speed_errors(
+    sources: Sequence[NodeData],
+    weights: Array,
+    errors: Mapping[str, Array],
+    times: Mapping[str, Array],
+) -> Array:
     """Return the weighted mean error of the gyros, (N,) m/s, at the time stamps of the first source.
 
     weights: (S, N), as in `Problem.speed_weights`
     errors: by node; a missing node counts as 0
+    times: by node, s, when the readings with these errors were taken
     """
-    first = sources[0]
-    total = np.zeros(len(first.t))
+    t = sources[0].t
+    total = np.zeros(len(t))
     for node, weight in zip(sources, weights, strict=True):
         if node.name in errors:
-            error = errors[node.name]
-            total += weight * (error if node is first else np.interp(first.t, node.t, error))
+            error, at = errors[node.name], times[node.name]
+            total += weight * (error if at is t else np.interp(t, at, error))
     return total

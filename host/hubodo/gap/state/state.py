@@ -121,8 +121,7 @@ class State:
         if not sources:
             return None
         errors = {**self.speed_errors, **self._speed_errors(effects, changed)}
-        correction = correct_measured_speed(sources, self.problem.speed_weights, errors)
-        return SpeedCorrection(sources[0].t, self.problem.speed_filter.apply(correction))
+        return SpeedCorrection(sources[0].t, correct_measured_speed(self.problem, errors))
 
     def _speed_errors(self, effects: Effects, names: Collection[str]) -> dict[str, SpeedError]:
         sources = self.problem.speed_source_nodes

@@ -49,7 +49,7 @@ def test_scopes_share_the_probability_though_the_priors_of_their_values_differ()
         for (scope, z), t in zip(values.items(), (24.0, 30.0, 25.5), strict=True)
     ]
     held_out = HeldOutGain(1e4, 100.0, 9e3, 3e3)
-    shared = share_between_scopes([replace(one, held_out_gain=held_out) for one in hypotheses])
+    shared = share_between_scopes([replace(one, held_out_gain=held_out) for one in hypotheses], 3.5)
     assert len({one.probability for one in shared}) > 1
     assert {one.term.scope for one in _list_equal_scopes(shared, shared[0])} == set(values)
 

@@ -31,9 +31,38 @@ def test_two_sensors_with_vibration_of_their_own_agree_up_to_the_end_of_the_moti
     rng = np.random.default_rng(seed)
     t, speed = drive(rng)
     left, right = (speed + vibration(rng, t, 0.003) for _ in range(2))
-    band = estimate_motion_band(t, left, right)
+    band = estimate_motion_band(t, left, (t, right))
     assert 1.0 < band < 10.0
-    assert estimate_motion_band(t, left, 3.0 * right) == band, "a factor of the second sensor does not matter"
+    scaled = estimate_motion_band(t, left, (t, 3.0 * right))
+    assert scaled == band, "a factor of the second sensor does not matter"
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_clock_that_runs_fast_does_not_narrow_the_band(seed):
+    """A delay that grows to 0.2 s turns the phase of a motion of 2.5 Hz by half a period: no vibration."""
+    rng = np.random.default_rng(seed)
+    t, speed = drive(rng)
+    left, right = (speed + vibration(rng, t, 0.003) for _ in range(2))
+    fast = t * (1.0 + 0.0016)
+    assert estimate_motion_band(t, left, (fast, right)) == estimate_motion_band(t, left, (t, right))
+
+
+def test_a_dip_of_the_coherence_in_one_band_is_not_the_end_of_the_motion():
+    seed = 12
+    print(f"seed {seed}")
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, DURATION, 1.0 / RATE)
+    frequency = np.fft.rfftfreq(len(t), 1.0 / RATE)
+
+    def noise(is_inside):
+        spectrum = np.array([1.0, 1.0j]) @ rng.normal(size=(2, len(frequency)))
+        return np.fft.irfft(np.where(is_inside, spectrum, 0.0), len(t))
+
+    # 1.4 to 1.8 Hz is one band of a third of an octave.
+    is_dip = (frequency > 1.4) & (frequency < 1.8)
+    motion = noise((frequency < 4.0) & ~is_dip)
+    left, right = (motion + noise(is_dip | (frequency >= 4.0)) for _ in range(2))
+    assert 3.5 < estimate_motion_band(t, left, (t, right)) < 5.0
 
 
 @pytest.mark.parametrize("seed", SEEDS)
