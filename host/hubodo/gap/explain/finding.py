@@ -31,6 +31,8 @@ _PRIOR_UNCERTAINTY = 3.0
 # Upper limit of the confidence of an unnamed term, and of an effect at a plausible limit, if something fits
 # better, or if an unnamed term on the same node has this many times its gain, whose residual can imitate it.
 _MAX_DOUBTED_CONFIDENCE, _MIN_UNNAMED_GAIN_RATIO = 0.8, 1.0
+# Blocks of some four seconds that show the correlation of uneven noise: half a drive of a car has 16.
+_MIN_UNEVEN_BLOCKS = 12
 
 # Parameter that is the shape of a drift, and how many sigmas determine it.
 _SHAPE_PARAMETER, _MIN_SHAPE_SIGMAS = "time_constant", 3.0
@@ -60,7 +62,11 @@ def build_finding(
     }
     gains_below = {other: own.gain - gain for other, gain in gains.items()} if own is not None else {}
     parameters = _list_parameters(term, result.final, own)
-    is_doubted = _is_contested(own, hypotheses) or _is_doubted(term, parameters, result, rounds)
+    is_doubted = (
+        _is_contested(own, hypotheses)
+        or _is_hardly_repeated(own, result.final)
+        or _is_doubted(term, parameters, result, rounds)
+    )
     confidence = _limit_confidence(probabilities.get(name, 0.0), own, gains_below, is_doubted)
     equal = _list_equal_scopes(hypotheses, own)
     if own is not None and equal:
@@ -151,6 +157,16 @@ def _limit_confidence(
     if is_faint or any(not other.startswith(PREFIX) for other in similar):
         probability /= probability + _PRIOR_UNCERTAINTY * (1.0 - probability)
     return probability
+
+
+def _is_hardly_repeated(own: Hypothesis | None, final: Refit) -> bool:
+    """Return True if a short log of uneven noise shows an effect by less than the level of that noise varies.
+
+    Few stretches neither show how correlated the residuals are nor contain the same manoeuvre twice.
+    """
+    gain = None if own is None else own.held_out_gain
+    is_short = final.min_tempering > 1.0 and len(final.block_scores) < _MIN_UNEVEN_BLOCKS
+    return gain is not None and is_short and gain.total < gain.level_sigma
 
 
 def _is_doubted(
