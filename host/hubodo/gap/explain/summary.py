@@ -151,6 +151,13 @@ def list_advice(result: MissingEffects) -> list[str]:
             f"If you know better, run again with --reject {listed[0].effect}; "
             f"--explain NAME shows why an effect was not chosen."
         )
+    if result.refined:
+        labels = join_words([_label_effect(finding.effect, [finding.scope]) for finding in result.refined])
+        differs = "differs" if len(result.refined) == 1 else "differ"
+        lines.append(
+            f"{labels} {differs} from the given model by no more than one drive from the next; "
+            "model.toml has the values of this one."
+        )
     lines += list_noise_advice(result)
     if not result.found and not lines:
         lines.append("Keep the model. A longer or livelier drive would show smaller effects.")

@@ -33,11 +33,14 @@ def build_finding(before, after, confidence=0.99, effect="gyro_lag", scope="left
     return replace(finding, **fields)
 
 
-def build_advice(*findings):
-    """Return the advice for findings in order."""
-    held_out = BeforeAfter(findings[0].held_out_gap.before, findings[-1].held_out_gap.after)
+def build_advice(*findings, refined=()):
+    """Return the advice for findings in order; `refined`: given effects whose values differ a little."""
+    held_out = BeforeAfter(1.1, 1.1)
+    if findings:
+        held_out = BeforeAfter(findings[0].held_out_gap.before, findings[-1].held_out_gap.after)
     result = SimpleNamespace(
         found=findings,
+        refined=refined,
         held_out_gap=held_out,
         remaining=[],
         residual_steps=[{}],
@@ -61,6 +64,11 @@ def test_a_model_that_explains_held_out_data_is_usable_though_one_of_its_effects
     text = build_advice(lever_arm, build_finding(1.2, 1.3, effect="gyro_bias", scope="right"))
     assert "Use the written model.toml" in text and "Do not use" not in text
     assert "1.300 (7.400 before), without help of gyro_bias (right)." in text
+
+
+def test_given_effects_that_differ_as_drives_do_are_named_though_they_are_no_findings():
+    text = build_advice(refined=[build_finding(1.2, 1.1, effect="gyro_bias", scope="right")])
+    assert text.startswith("gyro_bias (right) differs from the given model by no more than one drive")
 
 
 def test_the_same_advice_for_two_nodes_is_given_once():
