@@ -31,8 +31,9 @@ _PRIOR_UNCERTAINTY = 3.0
 # Upper limit of the confidence of an unnamed term, and of an effect at a plausible limit, if something fits
 # better, or if an unnamed term on the same node has this many times its gain, whose residual can imitate it.
 _MAX_DOUBTED_CONFIDENCE, _MIN_UNNAMED_GAIN_RATIO = 0.8, 1.0
-# Blocks of some four seconds that show the correlation of uneven noise: half a drive of a car has 16.
-_MIN_UNEVEN_BLOCKS = 12
+# Blocks of some four seconds that show the correlation of uneven noise; half a drive has 16. With fewer,
+# an effect must gain this many sigma of the level of the noise.
+_MIN_UNEVEN_BLOCKS, _MIN_LEVEL_SIGMAS = 12, 3.0
 
 # Parameter that is the shape of a drift, and how many sigmas determine it.
 _SHAPE_PARAMETER, _MIN_SHAPE_SIGMAS = "time_constant", 3.0
@@ -160,13 +161,13 @@ def _limit_confidence(
 
 
 def _is_hardly_repeated(own: Hypothesis | None, final: Refit) -> bool:
-    """Return True if a short log of uneven noise shows an effect by less than the level of that noise varies.
+    """Return True if a short log of uneven noise shows an effect by less than its level leaves in doubt.
 
     Few stretches neither show how correlated the residuals are nor contain the same manoeuvre twice.
     """
     gain = None if own is None else own.held_out_gain
     is_short = final.min_tempering > 1.0 and len(final.block_scores) < _MIN_UNEVEN_BLOCKS
-    return gain is not None and is_short and gain.total < gain.level_sigma
+    return gain is not None and is_short and gain.total < _MIN_LEVEL_SIGMAS * gain.level_sigma
 
 
 def _is_doubted(

@@ -87,7 +87,7 @@ def test_an_effect_at_its_plausible_limit_may_be_another_one():
 
 @pytest.mark.parametrize(
     ("n_blocks", "min_tempering", "gain", "expected"),
-    [(6, 3.5, 700.0, True), (16, 3.5, 700.0, False), (6, 1.0, 700.0, False), (6, 3.5, 9000.0, False)],
+    [(6, 3.5, 10000.0, True), (16, 3.5, 700.0, False), (6, 1.0, 700.0, False), (6, 3.5, 12000.0, False)],
 )
 def test_a_short_log_of_uneven_noise_confirms_no_effect_below_its_level(
     n_blocks, min_tempering, gain, expected
