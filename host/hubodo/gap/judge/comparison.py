@@ -119,8 +119,15 @@ def _is_better_scope(best: Hypothesis, other: Hypothesis, tempering: float) -> b
 
 
 def object_to_substitutes(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """Reject offsets and clocks that gain less than a doubtful property of the vehicle."""
-    doubtful = [one.held_out_total for one in hypotheses if one.objection == DOUBTFUL_LEVEL]
+    """Reject offsets and clocks that gain less than a doubtful property of the vehicle.
+
+    Unnamed terms with many coordinates always gain something, and say nothing about offsets.
+    """
+    doubtful = [
+        one.held_out_total
+        for one in hypotheses
+        if one.objection == DOUBTFUL_LEVEL and not one.term.effect.name.startswith(PREFIX)
+    ]
     return [
         one.with_objection("gains less than an effect that is in doubt")
         if one.is_within_level and not one.objection and one.held_out_total < max(doubtful, default=0.0)

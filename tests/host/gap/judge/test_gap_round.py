@@ -117,26 +117,3 @@ def test_scopes_within_the_level_of_the_noise_share_the_probability(
         )
     ]
     assert tuple(one.probability for one in share_between_scopes(hypotheses, 3.5)) == shares
-
-
-@pytest.mark.parametrize(
-    ("other_folds", "tempering", "shares"),
-    [
-        ([400.0] * 10, 3.5, (1.0, 0.0)),
-        ([400.0] * 10, 8.0, (0.5, 0.5)),
-        ([425.0] * 10, 3.5, (0.5, 0.5)),
-        ([100.0, 640.0] * 4 + [640.0, 400.0], 3.5, (0.5, 0.5)),
-    ],
-)
-def test_a_scope_that_gains_more_in_nearly_all_folds_does_not_share_its_probability(
-    evaluation, other_folds, tempering, shares
-):
-    """The advantage in total is 300, 50 or 300, of which 45 times the tempering are due to correlation."""
-
-    def judge(node, folds, probability):
-        gain = HeldOutGain(sum(folds), 1.0, 3000.0, np.inf, tuple(folds))
-        term = ModelTerm(BY_NAME["clock_skew"](100.0), node)
-        return Hypothesis(term, gain.total, 1.0, probability, evaluation.state, held_out_gain=gain)
-
-    hypotheses = [judge("left", [430.0] * 10, 1.0), judge("right", other_folds, 0.0)]
-    assert tuple(one.probability for one in share_between_scopes(hypotheses, tempering)) == shares
