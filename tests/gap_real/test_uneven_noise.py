@@ -11,6 +11,7 @@ import pytest
 sys.path[:0] = [str(Path(__file__).resolve().parent)]
 
 from car import CAR, read_drive  # noqa: E402
+from variants import read_variant  # noqa: E402
 
 from hubodo.gap.judge.round import judge_round  # noqa: E402
 from hubodo.gap.judge.search import build_initial_state  # noqa: E402
@@ -51,12 +52,15 @@ z = 0.020854
 
 
 @pytest.fixture(scope="module")
-def fit(tmp_path_factory):
+def model(tmp_path_factory):
     path = tmp_path_factory.mktemp("model") / "car.toml"
     path.write_text(CAR + LEARNT_ON_DRIVE_1, "utf-8")
-    return refit_with_weights(
-        build_initial_state(build_problem(read_drive("drive-2/second"), read_model(path)))
-    )
+    return read_model(path)
+
+
+@pytest.fixture(scope="module")
+def fit(model):
+    return refit_with_weights(build_initial_state(build_problem(read_drive("drive-2/second"), model)))
 
 
 def test_a_road_that_is_uneven_lets_given_effects_differ_though_its_blocks_show_no_correlation(fit):
@@ -71,3 +75,12 @@ def test_noise_of_half_a_drive_is_no_effect(fit):
     first = judged.hypotheses[0]
     print(f"first hypothesis {first.key}: gain {first.gain:.0f}, {first.objection}")
     assert judged.best is None and judged.provisional is None
+
+
+@pytest.mark.repeat
+def test_a_drive_at_a_third_of_its_rate_shows_no_random_walk(model):
+    """At 40 Hz vibration is aliased into the means of the gyros, which wander by as much as a walk would."""
+    _drive, recording = read_variant("40_hz")
+    judged = judge_round(refit_with_weights(build_initial_state(build_problem(recording, model))).evaluation)
+    print(f"first hypothesis {judged.hypotheses[0].key}, nothing missing {judged.null_probability:.3f}")
+    assert judged.best is None
