@@ -22,6 +22,8 @@ EFFECT_NAMES = (*effects.KINDS, ROAD_BANK)
 _BANK_SIGMA, _BANK_LENGTH_M, _CAR_ACCEL_NOISE = {"medium": 0.012, "strong": 0.036}, 80.0, 1.2
 _MIN_VISIBLE_NATS = 0.5 * 3.0**2
 _SPARE_SEEDS, _SPARE_SEED_STEP = 5, 100_000
+# Draws of the noise that give its effect on an estimate within a fifth, and the step of their seeds.
+_N_DRAWS, _DRAW_SEED_STEP = 12, 1_000_000
 _CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
 
 
@@ -29,7 +31,8 @@ _CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
 class SemiCase:
     """A simulated drive in the noise of a real drive, with or without an effect.
 
-    gain_nats: gain by knowing the effect; nan for a road's bank and without an effect
+    gain_nats: gain by knowing the effect in white noise; nan for a road's bank and without an effect
+    real_nats: gain in the real noise, of an estimate with white weights
     visible: parameters that the drive shows, which a result must contain
     """
 
@@ -37,6 +40,7 @@ class SemiCase:
     noise: DriveNoise
     effect: Effect | None
     gain_nats: float = np.nan
+    real_nats: float = np.nan
     visible: tuple[str, ...] = ()
 
     @property
@@ -108,12 +112,19 @@ class SemiCase:
 
 
 def draw_case(
-    noise: DriveNoise, name: str, strength: str, seed: int, size: float = 1.0, duration: float | None = None
+    noise: DriveNoise,
+    name: str,
+    strength: str,
+    seed: int,
+    size: float = 1.0,
+    duration: float | None = None,
+    in_real_noise: bool = False,
 ) -> SemiCase:
     """Return a case; the first seed is used whose drive shows the effect.
 
     name: one of EFFECT_NAMES, or empty
     size: factor on the parameters of the effect beside its strength
+    in_real_noise: True for a strength in the real noise, False for one in white noise of the same rms
 
     Raises ValueError if the drive of no seed shows the effect.
     """
@@ -128,12 +139,21 @@ def draw_case(
             return SemiCase(setup, noise, effect, visible=("sigma",))
         meter = NodesGainMeter(setup, {side: wheel_sigma(setup, noise, side) for side in SIDES})
         try:
-            effect, gain = meter.scale_to_gain(cases.draw_hidden_effect(setup, name), STRENGTHS[strength])
+            effect, _ = meter.scale_to_gain(cases.draw_hidden_effect(setup, name), STRENGTHS[strength])
         except ValueError as error:
             reason = str(error)
             continue
         effect = restrict_to_visible_side(meter, effects.scale_effect(effect, size))
-        return SemiCase(setup, noise, effect, gain * size**2, list_visible_parameters(meter, effect))
+        draws = _draw_noise(setup, noise)
+        if in_real_noise and effect.name not in SCATTER_EFFECTS:
+            target = size**2 * STRENGTHS[strength]
+            effect = effects.scale_effect(effect, np.sqrt(target / meter.gain_in_noise(effect, draws)))
+            if not effects.is_possible(effect):
+                reason = f"{name}: no possible size has {target:g} nats in the real noise"
+                continue
+        white, real = meter.gain(effect), meter.gain_in_noise(effect, draws)
+        visible = list_visible_parameters(meter, effect, _MIN_VISIBLE_NATS * max(white / real, 1.0))
+        return SemiCase(setup, noise, effect, white, real, visible)
     raise ValueError(reason)
 
 
@@ -149,14 +169,19 @@ def restrict_to_visible_side(meter: NodesGainMeter, effect: Effect) -> Effect:
     return shown[0] if len(shown) == 1 else effect
 
 
-def list_visible_parameters(meter: NodesGainMeter, effect: Effect) -> tuple[str, ...]:
-    """Return the parameters, except one of shape, that an oracle would see at 3 sigma without the others."""
+def list_visible_parameters(
+    meter: NodesGainMeter, effect: Effect, min_gain: float = _MIN_VISIBLE_NATS
+) -> tuple[str, ...]:
+    """Return the parameters, except one of shape, that an oracle would see at 3 sigma without the others.
+
+    min_gain: gain of 3 sigma in nats in white noise
+    """
     names = [name for name in effect.parameters if name != effects.KINDS[effect.name].shape_parameter]
     if len(names) == 1:
         return tuple(names)
     others = {name: dict.fromkeys(set(names) - {name}, 0.0) for name in names}
     alone = {name: replace(effect, parameters={**effect.parameters, **others[name]}) for name in names}
-    return tuple(name for name in names if meter.gain(alone[name]) > _MIN_VISIBLE_NATS)
+    return tuple(name for name in names if meter.gain(alone[name]) > min_gain)
 
 
 def _declared_sigma(setup: Setup) -> Array:
@@ -178,6 +203,12 @@ def draw_wheel_noise(setup: Setup, noise: DriveNoise, side: str) -> Array:
     if setup.facing[side] != REAL_FACING[side]:
         drawn = turn_over(drawn)
     return drawn * _declared_sigma(setup)
+
+
+def _draw_noise(setup: Setup, noise: DriveNoise) -> list[dict[str, Array]]:
+    """Return draws of the noise of both nodes, (n, 6) each, other than that of the case."""
+    others = [replace(setup, seed=setup.seed + _DRAW_SEED_STEP * (k + 1)) for k in range(_N_DRAWS)]
+    return [{side: draw_wheel_noise(other, noise, side) for side in SIDES} for other in others]
 
 
 def wheel_sigma(setup: Setup, noise: DriveNoise, side: str) -> Array:

@@ -46,6 +46,29 @@ class NodesGainMeter(GainMeter):
         differences = self.compute_differences(effect)
         return sum(self.gain_of_difference(side, differences[side]) for side in SIDES)
 
+    def gain_in_noise(self, effect: Effect, draws: Sequence[Mapping[str, Array]]) -> float:
+        """Return the gain in nats of an estimate with white weights in noise that is not white.
+
+        draws: samples of the noise of each node, (n, 6)
+
+        For a known difference d and weights W, the estimate of its size has the variance of d'Wn / (d'Wd)²
+        over draws n of the noise; the gain is half of its squared ratio to sigma. An effect on scatter gains
+        as in white noise.
+        """
+        if effect.name in SCATTER_EFFECTS:
+            return super().gain(effect)
+        differences = self.compute_differences(effect)
+        white = sum(self.gain_of_difference(side, differences[side]) for side in SIDES)
+        projections = [
+            sum(
+                0.5 * self.gain_of_difference(side, differences[side] + draw[side])
+                - 0.5 * self.gain_of_difference(side, differences[side] - draw[side])
+                for side in SIDES
+            )
+            for draw in draws
+        ]
+        return float(2.0 * white**2 / np.mean(np.square(projections)))
+
     def compute_differences(self, effect: Effect) -> dict[str, Array]:
         """Return the difference (n, 6) of each node's readings from those expected at the measured speed.
 

@@ -68,7 +68,10 @@ def measure_smallest(case: Case, folder: Path, seed: int) -> Smallest | None:
 
 
 def demanded_gain(hypothesis: Hypothesis, tempering: float) -> float:
-    """Return the gain on held-out samples below which a hypothesis has an objection."""
+    """Return the gain on held-out samples below which a hypothesis has an objection, at most.
+
+    Less suffices for one whose estimates from parts of the log agree.
+    """
     chance = MIN_CORRELATED_GAIN * tempering
     doubt = hypothesis.doubtful_gain
     return min(chance, doubt) if hypothesis.term.effect.varies_between_drives else doubt

@@ -36,7 +36,7 @@ from hubodo.model.model_file import Model
 from hubodo.model.model_text import model_toml
 from hubodo.recording import Recording
 
-_JOURNAL_VERSION = 2
+_JOURNAL_VERSION = 3
 
 
 class Journal:
@@ -147,7 +147,7 @@ def _hypothesis_to_json(hypothesis: Hypothesis) -> dict[str, Any]:
     proposal = hypothesis.proposal
     return {
         "term": _term_to_json(hypothesis.term),
-        "numbers": [hypothesis.gain, hypothesis.evidence, hypothesis.probability],
+        "numbers": [hypothesis.gain, hypothesis.evidence, hypothesis.probability, hypothesis.surprise],
         "state": None if hypothesis.state is None else _state_to_json(hypothesis.state),
         "held_out": None if hypothesis.held_out_gain is None else list(astuple(hypothesis.held_out_gain)),
         "objection": hypothesis.objection,
@@ -187,7 +187,7 @@ def _round_from_json(entry: Mapping[str, Any], point: Evaluation) -> Round:
 def _hypothesis_from_json(entry: Mapping[str, Any], point: Evaluation) -> Hypothesis:
     term, state, proposal = _term_from_json(entry["term"]), entry["state"], entry["proposal"]
     held_out = entry["held_out"]
-    gain, evidence, probability = entry["numbers"]
+    gain, evidence, probability, surprise = entry["numbers"]
     return Hypothesis(
         term,
         gain,
@@ -197,6 +197,7 @@ def _hypothesis_from_json(entry: Mapping[str, Any], point: Evaluation) -> Hypoth
         None if proposal is None else Proposal(term, *proposal),
         None if held_out is None else HeldOutGain(*held_out),
         entry["objection"],
+        surprise=surprise,
     )
 
 

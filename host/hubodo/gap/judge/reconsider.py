@@ -9,9 +9,10 @@ from math import log
 from hubodo.effects import count_fitted_effects
 from hubodo.effects.empirical import PREFIX
 from hubodo.gap.judge.hypothesis import (
-    MIN_CORRELATED_GAIN,
+    CONSISTENT_SURPRISE,
     MIN_CORRELATED_TEMPERING,
     Hypothesis,
+    chance_gain,
     helps_held_out,
     is_within_level,
 )
@@ -272,7 +273,11 @@ def drop_chance_effects(
         hypothesis = judged.find_hypothesis(key)
         if hypothesis is None or hypothesis.state is None:
             continue
-        is_chance = hypothesis.p_value(last.null_distribution) >= 1.0 - MIN_ADD_PROBABILITY
+        # The largest gain by chance is that of the drifts, which correlated residuals imitate best.
+        is_chance = (
+            hypothesis.surprise < CONSISTENT_SURPRISE
+            and hypothesis.p_value(last.null_distribution) >= 1.0 - MIN_ADD_PROBABILITY
+        )
         if is_chance or _is_overfitted(hypothesis, judged, last):
             by_chance.add(key)
     dropped = [
@@ -294,6 +299,6 @@ def _is_overfitted(hypothesis: Hypothesis, judged: Round, last: Round) -> bool:
     gain = hypothesis.held_out_gain
     if gain is None or not judged.tempering <= MIN_CORRELATED_TEMPERING < last.tempering:
         return False
-    doubtful = replace(gain, max_doubt=MIN_CORRELATED_GAIN * last.tempering)
+    doubtful = replace(gain, max_doubt=chance_gain(last.tempering, hypothesis.surprise))
     is_confirmed = helps_held_out(hypothesis.gain, gain, last.tempering)
     return not is_confirmed or is_within_level(hypothesis.term, doubtful)

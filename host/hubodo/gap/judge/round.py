@@ -13,8 +13,10 @@ from hubodo.gap.judge.comparison import (
     prefer_simple,
 )
 from hubodo.gap.judge.hypothesis import (
+    CONSISTENT_SURPRISE,
     Baseline,
     Hypothesis,
+    compute_surprise,
     judge_effect,
     judge_proposal,
     judge_unnamed_term,
@@ -148,8 +150,7 @@ def judge_round(
     unnamed = [] if EMPIRICAL in reject else _select_unnamed_terms(before, best_gain)
     unnamed_refits = [_refit_with(before, item, rounds=1) for item in unnamed]
     all_refits = [*refits, *walk_refits.values(), *unnamed_refits]
-    # The block scores of the best fit show by how much correlation inflates the gains.
-    tempering = min(all_refits, key=lambda item: item.deviance).tempering if all_refits else 1.0
+    tempering = _choose_tempering(selected, refits, all_refits)
     baseline = Baseline(before, compute_added_gain(before), tempering)
     hypotheses = [judge_effect(baseline, item, fit) for item, fit in zip(selected, refits, strict=True)]
     hypotheses += [
@@ -163,6 +164,22 @@ def judge_round(
     ordered = prefer_simple(ordered, tempering)
     stored = (*ordered[:1], *(hypothesis.without_tracking() for hypothesis in ordered[1:]))
     return Round(before.evaluation.without_cache(), stored, nothing, tuple(screened), null, tempering)
+
+
+def _choose_tempering(
+    selected: Sequence[ScreenedCandidate], refits: Sequence[Refit], all_refits: Sequence[Refit]
+) -> float:
+    """Return by how much correlation inflates the gains, from the block scores of the best fit.
+
+    Effects whose estimates from parts of the log agree come first: a drift that gains a little more in
+    correlated residuals says nothing about them.
+    """
+    consistent = [
+        fit
+        for item, fit in zip(selected, refits, strict=True)
+        if compute_surprise(fit, item.candidate.term.key) >= CONSISTENT_SURPRISE
+    ]
+    return min(consistent or all_refits, key=lambda fit: fit.deviance).tempering if all_refits else 1.0
 
 
 def _refit_with_common_weights(before: Refit, refits: Sequence[Refit]) -> tuple[Refit, list[Refit]]:

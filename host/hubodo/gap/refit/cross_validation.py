@@ -91,6 +91,12 @@ class FoldGrams:
         """Return the folds of consecutive blocks, (B, P+1, P+1), with `samples` readings each, (B,)."""
         return FoldGrams(sum_folds(blocks), raw_squares, sum_folds(samples))
 
+    @staticmethod
+    def of_groups(blocks: Array, raw_squares: Array, samples: Array, max_groups: int) -> FoldGrams:
+        """Return folds of as few blocks as give at most `max_groups`."""
+        count = min(len(blocks), max_groups)
+        return FoldGrams(_sum_parts(blocks, count), raw_squares, _sum_parts(samples, count))
+
     def cross_validate(self, prior: CoordinatePrior) -> FoldDeviances:
         """Return the deviances of the folds; `prior` is that of the coordinates.
 
@@ -98,23 +104,26 @@ class FoldGrams:
         deviance of the fold is r'r - 2 d'b_f + d'A_f d (Stone 1974).
         """
         total, deviances = self.grams.sum(axis=0), np.empty((2, len(self.grams)))
-        fit_to_all = _fit_step(total, self.raw_squares, prior)
+        fit_to_all = self.fit_step(total, prior)
         for k, fold in enumerate(self.grams):
-            for row, step in enumerate((_fit_step(total - fold, self.raw_squares, prior), fit_to_all)):
+            for row, step in enumerate((self.fit_step(total - fold, prior), fit_to_all)):
                 deviances[row, k] = fold[-1, -1] - 2.0 * step @ fold[:-1, -1] + step @ fold[:-1, :-1] @ step
         return FoldDeviances(deviances[0], deviances[1], self.samples)
+
+    def fit_step(self, gram: Array, prior: CoordinatePrior) -> Array:
+        """Return the step, (P,), of a fit to the samples of a gram matrix."""
+        covariance = invert_information(gram[:-1, :-1], self.raw_squares, prior.information)
+        return np.asarray(covariance @ (gram[:-1, -1] - prior.gradient))
 
 
 def sum_folds(blocks: Array) -> Array:
     """Return the sums of consecutive blocks of time, (F, ...), over the first axis."""
     count = int(np.clip(len(blocks) // _BLOCKS_PER_FOLD, min(_MIN_FOLDS, len(blocks)), _MAX_FOLDS))
+    return _sum_parts(blocks, count)
+
+
+def _sum_parts(blocks: Array, count: int) -> Array:
     return np.array([part.sum(axis=0) for part in np.array_split(blocks, count)])
-
-
-def _fit_step(gram: Array, raw_squares: Array, prior: CoordinatePrior) -> Array:
-    """Return the step, (P,), of a fit to the samples of a gram matrix."""
-    covariance = invert_information(gram[:-1, :-1], raw_squares, prior.information)
-    return np.asarray(covariance @ (gram[:-1, -1] - prior.gradient))
 
 
 def compute_held_out_gain(before: FoldDeviances, after: FoldDeviances) -> HeldOutGain:

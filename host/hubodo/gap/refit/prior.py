@@ -76,7 +76,7 @@ def build_prior(
     for term in terms:
         scales = term.effect.coordinate_scales()
         inside = slice(first, first + len(scales))
-        information[inside] = _has_prior(type(term.effect)) * tempering / _PRIOR_SCALES**2
+        information[inside] = is_zero_in_guesses(type(term.effect)) * tempering / _PRIOR_SCALES**2
         value[inside] = term.effect.coordinates() / scales
         if term.is_nuisance:
             is_correlated = given_tempering > MIN_GIVEN_TEMPERING
@@ -145,7 +145,7 @@ def determine_prior(
     return prior
 
 
-def _has_prior(kind: type[Effect]) -> Array:
-    """Return 1 for each coordinate that is zero in all initial guesses of an effect, else 0."""
+def is_zero_in_guesses(kind: type[Effect]) -> NDArray[np.bool_]:
+    """Return True for each coordinate that is zero in all initial guesses of an effect, (k,)."""
     guesses = np.array([guess.coordinates() for guess in kind.initial_guesses()])
-    return np.asarray(np.all(guesses == 0.0, axis=0), float)
+    return np.asarray(np.all(guesses == 0.0, axis=0))

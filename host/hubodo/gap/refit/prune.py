@@ -155,13 +155,13 @@ def _list_candidates(fit: Refit, terms: Sequence[ModelTerm]) -> tuple[list[int],
 def _relative_coordinates(fit: Refit) -> Array:
     """Return the coordinates of all free terms, (K,), less those of the model file, in scales."""
     values = [
-        (term.effect.coordinates() - _given_coordinates(fit, term)) / term.effect.coordinate_scales()
+        (term.effect.coordinates() - given_coordinates(fit, term)) / term.effect.coordinate_scales()
         for term in fit.free_terms
     ]
     return np.concatenate(values) if values else np.empty(0)
 
 
-def _given_coordinates(fit: Refit, term: ModelTerm) -> Array:
+def given_coordinates(fit: Refit, term: ModelTerm) -> Array:
     """Return the coordinates of an effect in the model file, of its scope or of all; zeros if it has none."""
     given = {one.key: one.effect.coordinates() for one in terms_of_model(fit.state.problem.model)}
     return given.get(term.key, given.get((term.effect.name, ALL), np.zeros(len(term.effect.coordinates()))))
@@ -173,7 +173,7 @@ def _freeze(term: ModelTerm, fit: Refit, pruned: Collection[int]) -> ModelTerm:
         return term
     place = fit.coordinate_slice(term)
     frozen = tuple(k - place.start for k in range(place.start, place.stop) if k in pruned)
-    coordinates, given = term.effect.coordinates(), _given_coordinates(fit, term)
+    coordinates, given = term.effect.coordinates(), given_coordinates(fit, term)
     if not frozen or (len(frozen) == len(coordinates) and not given.any()):
         return term
     coordinates[list(frozen)] = given[list(frozen)]

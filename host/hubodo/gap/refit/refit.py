@@ -15,7 +15,14 @@ from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.process_noise.tracking import estimate_weights, track_wheel_phase
 from hubodo.gap.process_noise.weights import weights_from_residuals
 from hubodo.gap.refit.cross_validation import FoldDeviances, FoldGrams
-from hubodo.gap.refit.prior import CoordinatePrior, adopt_prior, coordinate_slice, determine_prior
+from hubodo.gap.refit.jackknife import MAX_GROUPS, compute_jackknife_surprise
+from hubodo.gap.refit.prior import (
+    CoordinatePrior,
+    adopt_prior,
+    coordinate_slice,
+    determine_prior,
+    is_zero_in_guesses,
+)
 from hubodo.gap.refit.tempering import compute_tempering, measure_tempering
 from hubodo.gap.state.state import ATTITUDE_SCALE, State
 from hubodo.gap.state.terms import ModelTerm
@@ -57,6 +64,7 @@ class Refit:
     given_gain: gain of ln likelihood by differences of the given effects within their repeatability
     given_tempering: tempering of the coordinates and the given effects together
     min_tempering: its lower bound, of noise as uneven as that of the log
+    groups: groups of blocks, for the jackknife; None in a fit to two logs
     """
 
     evaluation: Evaluation
@@ -73,6 +81,7 @@ class Refit:
     given_gain: float = 0.0
     given_tempering: float = 1.0
     min_tempering: float = 1.0
+    groups: FoldGrams | None = None
 
     @cached_property
     def fold_deviances(self) -> FoldDeviances:
@@ -141,6 +150,18 @@ class Refit:
         )
         is_observed = np.diag(self.full_covariance)[indices] > 0.0
         return np.asarray(information * np.outer(is_observed, is_observed))
+
+    def compute_surprise(self, term: ModelTerm, absent: Array) -> float:
+        """Return -ln of the probability of a free term's estimate if it were at `absent`, (k,) coordinates.
+
+        It is that of the jackknife; coordinates whose initial guess is not zero, such as a time constant, do
+        not count.
+        """
+        assert self.groups is not None
+        is_amplitude = is_zero_in_guesses(type(term.effect))
+        value = (term.effect.coordinates() - absent) / term.effect.coordinate_scales()
+        places = np.arange(len(self.full_covariance), dtype=np.intp)[self.coordinate_slice(term)]
+        return compute_jackknife_surprise(self.groups, self.prior, value[is_amplitude], places[is_amplitude])
 
     @property
     def tempering(self) -> float:
@@ -305,6 +326,7 @@ def linearise_fit(
         given_gain,
         given_tempering,
         min_tempering,
+        FoldGrams.of_groups(blocks, raw_squares, samples, MAX_GROUPS),
     )
 
 
