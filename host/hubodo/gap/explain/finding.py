@@ -31,6 +31,8 @@ _PRIOR_UNCERTAINTY = 3.0
 # Upper limit of the confidence of an unnamed term, and of an effect at a plausible limit, if something fits
 # better, or if an unnamed term on the same node has this many times its gain, whose residual can imitate it.
 _MAX_DOUBTED_CONFIDENCE, _MIN_UNNAMED_GAIN_RATIO = 0.8, 1.0
+# -ln probability, by the jackknife, below which the parts of a log do not agree on an effect.
+_MIN_CONSISTENT_SURPRISE = 5.0
 # Blocks of some four seconds that show the correlation of uneven noise; half a drive has 16. With fewer,
 # an effect must gain this many sigma of the level of the noise.
 _MIN_UNEVEN_BLOCKS, _MIN_LEVEL_SIGMAS = 12, 3.0
@@ -66,6 +68,7 @@ def build_finding(
     is_doubted = (
         _is_contested(own, hypotheses)
         or _is_hardly_repeated(own, result.final)
+        or _is_inconsistent(own, result)
         or _is_doubted(term, parameters, result, rounds)
     )
     confidence = _limit_confidence(probabilities.get(name, 0.0), own, gains_below, is_doubted)
@@ -168,6 +171,17 @@ def _is_hardly_repeated(own: Hypothesis | None, final: Refit) -> bool:
     gain = None if own is None else own.held_out_gain
     is_short = final.min_tempering > 1.0 and len(final.block_scores) < _MIN_UNEVEN_BLOCKS
     return gain is not None and is_short and gain.total < _MIN_LEVEL_SIGMAS * gain.level_sigma
+
+
+def _is_inconsistent(own: Hypothesis | None, result: SearchResult) -> bool:
+    """Return True if the parts of a log with correlated residuals do not agree on an effect.
+
+    A warm-up follows a random walk of the bias, but without any part of it, the others give another warm-up.
+    """
+    if own is None or own.held_out_gain is None:
+        return False
+    is_correlated = result.rounds[-1].tempering > MIN_CORRELATED_TEMPERING
+    return is_correlated and own.surprise < _MIN_CONSISTENT_SURPRISE
 
 
 def _is_doubted(

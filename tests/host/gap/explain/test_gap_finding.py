@@ -11,6 +11,7 @@ from hubodo.gap.explain.finding import (
     _is_contested,
     _is_doubted,
     _is_hardly_repeated,
+    _is_inconsistent,
     _is_shapeless,
     _limit_confidence,
     _list_equal_scopes,
@@ -97,6 +98,20 @@ def test_a_short_log_of_uneven_noise_confirms_no_effect_below_its_level(
     own = Hypothesis(term, gain, 100.0, 1.0, held_out_gain=HeldOutGain(gain, 21.0, 3551.0))
     final = SimpleNamespace(min_tempering=min_tempering, block_scores=np.zeros((n_blocks, 3)))
     assert _is_hardly_repeated(own, final) == expected
+
+
+@pytest.mark.parametrize(
+    ("surprise", "tempering", "held_out", "is_doubted"),
+    [(1.0, 8.0, True, True), (9.0, 8.0, True, False), (1.0, 1.5, True, False), (0.0, 8.0, False, False)],
+)
+def test_an_effect_on_which_the_parts_of_a_correlated_log_disagree_may_be_another_one(
+    surprise, tempering, held_out, is_doubted
+):
+    gain = HeldOutGain(2000.0, 40.0, 3000.0) if held_out else None
+    term = ModelTerm(BY_NAME["gyro_warmup"](), "right")
+    own = Hypothesis(term, 2500.0, 130.0, 1.0, held_out_gain=gain, surprise=surprise)
+    result = SimpleNamespace(rounds=[SimpleNamespace(tempering=tempering)])
+    assert _is_inconsistent(own, result) == is_doubted
 
 
 def test_a_drift_without_a_known_time_constant_may_be_another_one():
