@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from math import log
 
@@ -28,6 +28,8 @@ _OUTLYING_SIGMA, _ISOLATED_SIGMA, _MIN_UNIFORM_P_VALUE = 5.0, 4.5, 1e-5
 # Ratio of the noise of two groups from which on the noise varies within groups, too, and so has a tail; the
 # ratio of the tail's sigma to the noise, and its share to start with.
 _MIN_VARYING_RATIO, _TAIL_RATIO, _TAIL_SHARE = 1.5, 3.0, 0.02
+# Step of the logarithms of share and sigma in numerical derivatives.
+_HESSIAN_STEP = 0.02
 # Largest share of the outliers that may come close together; bumps of a road come in bursts.
 _MAX_CLOSE_SHARE = 0.12
 
@@ -95,18 +97,16 @@ def detect_outliers(residuals: Sequence[Residual]) -> list[Proposal]:
         if gain < 3.0 or not all(entry.is_random for entry in members_statistics):
             continue
         share, sigma = float(_OUTLIER_SHARES[best[0]]), float(_OUTLIER_SIGMAS[best[1]])
-        if all(entry.has_tail for entry in members_statistics):
-            channels = [one for entry in members_statistics for one in entry.channels]
-            share, sigma = _fit_beside_tail(channels, share, sigma)
-            if sigma < _OUTLIER_SIGMAS[0]:
-                # Errors no larger than the declared noise are another part of the tail, not outliers.
-                continue
+        has_tail = all(entry.has_tail for entry in members_statistics)
+        channels = [one for entry in members_statistics for one in entry.channels]
+        mixture = _fit_mixture(channels, share, sigma, has_tail)
+        share, sigma = mixture.share, mixture.sigma
+        if has_tail and sigma < _OUTLIER_SIGMAS[0]:
+            # Errors no larger than the declared noise are another part of the tail, not outliers.
+            continue
         expected_outliers = max(share * count, 1.0)
         term = ModelTerm(BY_NAME[EFFECT_NAME](probability=share, sigma=sigma), scope)  # type: ignore[call-arg]
-        sigmas = {
-            "probability": share / np.sqrt(expected_outliers),
-            "sigma": sigma / np.sqrt(2.0 * expected_outliers),
-        }
+        sigmas = {"probability": mixture.share_error, "sigma": mixture.sigma_error}
         where = f"about {expected_outliers:.0f} isolated readings, {sigma:.0f} times wider than the noise"
         # Uniform prior over the grid of shares and sigmas.
         evidence = float(logsumexp(table)) - log(table.size) - _NON_GAUSSIAN_PENALTY
@@ -198,12 +198,24 @@ def _count_by_group(one: _Channel) -> Iterator[tuple[Array, Array, float]]:
             yield middle[counts > 0], counts[counts > 0].astype(float), float(declared)
 
 
-def _fit_beside_tail(channels: Sequence[_Channel], share: float, sigma: float) -> tuple[float, float]:
-    """Return share and sigma of the outliers, fitted together with the share of a tail of the noise.
+@dataclass(frozen=True)
+class _Mixture:
+    """Share and sigma of outliers, in units of the declared noise, with 1 sigma of each."""
+
+    share: float
+    sigma: float
+    share_error: float
+    sigma_error: float
+
+
+def _fit_mixture(channels: Sequence[_Channel], share: float, sigma: float, has_tail: bool) -> _Mixture:
+    """Return the mixture of largest likelihood; its errors are those of the observed information.
 
     share, sigma: to start with
+    has_tail: True to fit the share of a tail of the noise as well
 
-    On a road the noise varies within each second, so that its own tail would count as small outliers.
+    On a road the noise varies within each second, so that its own tail would count as small outliers. How
+    many small outliers there are remains uncertain then.
     """
     groups = [group for one in channels for group in _count_by_group(one)]
     z, counts = (np.concatenate([group[k] for group in groups]) for k in (0, 1))
@@ -211,15 +223,31 @@ def _fit_beside_tail(channels: Sequence[_Channel], share: float, sigma: float) -
     narrow, tail = np.exp(-0.5 * z**2), np.exp(-0.5 * (z / _TAIL_RATIO) ** 2) / _TAIL_RATIO
 
     def loss(x: Array) -> float:
-        outliers, tail_share = expit(x[0]), expit(x[2])
+        outliers, tail_share = expit(x[0]), expit(x[2]) if has_tail else 0.0
         variance = 1.0 + (np.exp(x[1]) * declared) ** 2
         noise = (1.0 - tail_share) * narrow + tail_share * tail
         density = (1.0 - outliers) * noise + outliers * np.exp(-0.5 * z**2 / variance) / np.sqrt(variance)
         return -float(counts @ np.log(np.maximum(density, 1e-300)))
 
-    start = [logit(share), np.log(sigma), logit(_TAIL_SHARE)]
-    best = minimize(loss, start, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-2})
-    return float(expit(best.x[0])), float(np.exp(best.x[1]))
+    start = [logit(share), np.log(sigma), *([logit(_TAIL_SHARE)] if has_tail else [])]
+    best = minimize(loss, start, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-2}).x
+    errors = np.sqrt(np.maximum(np.diag(np.linalg.pinv(_compute_hessian(loss, best), hermitian=True)), 0.0))
+    share, sigma = float(expit(best[0])), float(np.exp(best[1]))
+    return _Mixture(share, sigma, share * (1.0 - share) * float(errors[0]), sigma * float(errors[1]))
+
+
+def _compute_hessian(function: Callable[[Array], float], at: Array) -> Array:
+    """Return the second derivatives, (k, k), of a function by central differences."""
+    steps = _HESSIAN_STEP * np.eye(len(at))
+    return np.array(
+        [
+            [
+                function(at + a + b) - function(at + a - b) - function(at - a + b) + function(at - a - b)
+                for b in steps
+            ]
+            for a in steps
+        ]
+    ) / (4.0 * _HESSIAN_STEP**2)
 
 
 def _group_gains(z: Array, counts: Array, outlier_sigmas: Array) -> Array:

@@ -143,3 +143,23 @@ def test_spikes_are_detected_relative_to_the_local_scatter_not_the_estimated_noi
     # The median of four neighbours has a variance of 0.3.
     assert size == pytest.approx(20.0 / np.sqrt(1.3), rel=0.1)
     assert find_spiky_channels(with_larger_noise) == [(row, count, pytest.approx(size))]
+
+
+def test_stated_errors_of_share_and_size_are_those_of_many_drives():
+    share, sigma, pulls = 0.004, 8.0, []
+    for seed in range(24):
+        rng = np.random.default_rng(seed)
+        clean, y = draw_readings(rng, 3000)
+        hits = rng.random(y.shape) < share
+        y += hits * sigma * SIGMA * rng.standard_normal(y.shape)
+        (proposal,) = detect_outliers([build_residual(y, clean)])
+        values = proposal.term.effect.values()
+        pulls.append(
+            [
+                (values["probability"] - share) / proposal.sigmas["probability"],
+                (values["sigma"] - sigma) / proposal.sigmas["sigma"],
+            ]
+        )
+    rms = np.sqrt(np.mean(np.square(pulls), axis=0))
+    print(f"seeds 0 to 23: rms of error over sigma {rms[0]:.2f} of the share, {rms[1]:.2f} of the size")
+    assert np.all((rms > 0.7) & (rms < 1.4))
