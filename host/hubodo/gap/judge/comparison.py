@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from hubodo.effects.empirical import PREFIX
 from hubodo.gap.judge.hypothesis import (
+    CONSISTENT_SURPRISE,
     DOUBTFUL_LEVEL,
     MIN_CORRELATED_GAIN,
     MIN_CORRELATED_TEMPERING,
@@ -131,6 +132,23 @@ def object_to_substitutes(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
     return [
         one.with_objection("gains less than an effect that is in doubt")
         if one.is_within_level and not one.objection and one.held_out_total < max(doubtful, default=0.0)
+        else one
+        for one in hypotheses
+    ]
+
+
+def object_to_walks(hypotheses: Sequence[Hypothesis], tempering: float) -> list[Hypothesis]:
+    """Reject random walks that gain no more than an effect on which the parts of the log agree.
+
+    Where residuals are correlated, a walk follows an error that turns with the wheel as well as noise. A walk
+    would not give the same misalignment in each part.
+    """
+    is_correlated = tempering > MIN_CORRELATED_TEMPERING
+    steady = [one for one in hypotheses if one.surprise >= CONSISTENT_SURPRISE and not one.objection]
+    best_gain = max((one.gain for one in steady), default=0.0)
+    return [
+        one.with_objection("gains no more than an effect on which the parts of the log agree")
+        if is_correlated and one.term.effect.random_walk_variance_rate() > 0.0 and one.gain < best_gain
         else one
         for one in hypotheses
     ]

@@ -10,6 +10,7 @@ from hubodo.effects.empirical import PREFIX
 from hubodo.gap.judge.comparison import (
     drop_similar_unnamed,
     object_to_substitutes,
+    object_to_walks,
     prefer_simple,
 )
 from hubodo.gap.judge.hypothesis import (
@@ -160,7 +161,7 @@ def judge_round(
         judge_unnamed_term(baseline, item, fit) for item, fit in zip(unnamed, unnamed_refits, strict=True)
     ]
     hypotheses = object_to_substitutes(drop_similar_unnamed(hypotheses, tempering))
-    ordered, nothing = compute_posterior(hypotheses)
+    ordered, nothing = compute_posterior(object_to_walks(hypotheses, tempering))
     ordered = prefer_simple(ordered, tempering)
     stored = (*ordered[:1], *(hypothesis.without_tracking() for hypothesis in ordered[1:]))
     return Round(before.evaluation.without_cache(), stored, nothing, tuple(screened), null, tempering)

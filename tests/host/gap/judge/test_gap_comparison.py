@@ -5,7 +5,7 @@ import pytest
 
 from hubodo.effects import BY_NAME
 from hubodo.effects.empirical import empirical_class
-from hubodo.gap.judge.comparison import object_to_substitutes, share_between_scopes
+from hubodo.gap.judge.comparison import object_to_substitutes, object_to_walks, share_between_scopes
 from hubodo.gap.judge.hypothesis import DOUBTFUL_LEVEL, Hypothesis
 from hubodo.gap.refit.cross_validation import HeldOutGain
 from hubodo.gap.state.state import State
@@ -57,3 +57,23 @@ def test_an_offset_stands_in_for_a_listed_effect_in_doubt_but_not_for_an_unnamed
     )
     judged = object_to_substitutes([other, offset])[1]
     assert bool(judged.objection) is is_rejected
+
+
+@pytest.mark.parametrize(
+    ("gain", "surprise", "tempering", "is_rejected"),
+    [
+        (2476.0, 33.0, 3.5, True),
+        (2476.0, 5.0, 3.5, False),
+        (2300.0, 33.0, 3.5, False),
+        (2476.0, 33.0, 1.0, False),
+    ],
+)
+def test_a_random_walk_gives_way_to_an_effect_on_which_the_parts_of_a_correlated_log_agree(
+    gain, surprise, tempering, is_rejected
+):
+    walk = Hypothesis(ModelTerm(BY_NAME["gyro_rate_random_walk"](k=4e-4), "right"), 2472.0, 701.0, 0.0)
+    term = ModelTerm(BY_NAME["node_misalignment"](), "right")
+    steady = Hypothesis(term, gain, 696.0, 0.0, surprise=surprise)
+    judged = object_to_walks([walk, steady], tempering)
+    assert bool(judged[0].objection) == is_rejected
+    assert judged[1] == steady
