@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from math import log
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.special import chdtrc, expit, logit, logsumexp
+from scipy.special import chdtrc, erfc, expit, logit, logsumexp
 
 from hubodo.arrays import Array
 from hubodo.effects import BY_NAME
@@ -56,6 +56,12 @@ class _Channel:
         many sigmas of that noise, for several readings in a row, and yet smaller than the declared noise.
         """
         return np.asarray(np.abs(self.z) > np.maximum(sigmas, self.declared_sigmas[self.groups]))
+
+    def count_visible(self, sigma: float) -> float:
+        """Return how many of the readings would be outlying if all had outliers of a declared size."""
+        limits = np.maximum(_OUTLYING_SIGMA, self.declared_sigmas)
+        sizes = np.hypot(1.0, sigma * self.declared_sigmas)
+        return float(np.bincount(self.groups, minlength=len(limits)) @ erfc(limits / sizes / math.sqrt(2.0)))
 
 
 @dataclass(frozen=True)
@@ -109,19 +115,19 @@ def detect_outliers(residuals: Sequence[Residual]) -> list[Proposal]:
         sigmas = {"probability": mixture.share_error, "sigma": mixture.sigma_error}
         where = f"about {expected_outliers:.0f} isolated readings, {sigma:.0f} times wider than the noise"
         # Uniform prior over the grid of shares and sigmas.
-        evidence = float(logsumexp(table)) - log(table.size) - _NON_GAUSSIAN_PENALTY
+        evidence = float(logsumexp(table)) - math.log(table.size) - _NON_GAUSSIAN_PENALTY
         proposals.append(Proposal(term, gain, evidence, sigmas, where))
     return proposals
 
 
 def find_spiky_channels(residual: Residual) -> list[tuple[int, int, float]]:
     """Return channels with outliers that the other channels lack: row, number and median size in sigma."""
-    channels = _standardise_channels(residual)
-    if _are_uniform(channels) and _are_isolated(channels):
+    node = _examine_node(residual)
+    if node.is_random:
         return []
     spiky = []
-    for channel in channels:
-        if np.max(_gain_table(channel)) > _MIN_SPIKE_GAIN:
+    for channel, table in zip(node.channels, node.gain_tables, strict=True):
+        if np.max(table) > _MIN_SPIKE_GAIN:
             z = np.abs(channel.z)
             outliers = z[z > 6.0]
             if len(outliers):
@@ -132,7 +138,9 @@ def find_spiky_channels(residual: Residual) -> list[tuple[int, int, float]]:
 def _examine_node(residual: Residual) -> _NodeOutliers:
     channels = _standardise_channels(residual)
     tables = [_gain_table(one) for one in channels]
-    is_random = _are_uniform(channels) and _are_isolated(channels)
+    total = np.sum(tables, axis=0)
+    sigma = float(_OUTLIER_SIGMAS[np.argmax(total) % len(_OUTLIER_SIGMAS)]) if channels else 1.0
+    is_random = _are_uniform(channels, sigma) and _are_isolated(channels)
     return _NodeOutliers(channels, tables, sum(len(one.z) for one in channels), is_random)
 
 
@@ -153,14 +161,21 @@ def _standardise_channels(residual: Residual) -> list[_Channel]:
     return result
 
 
-def _are_uniform(channels: Sequence[_Channel]) -> bool:
-    """Return True if outliers are equally frequent in all channels (G-test)."""
+def _are_uniform(channels: Sequence[_Channel], sigma: float) -> bool:
+    """Return True if outliers are as frequent in all channels as those of one size would be (G-test).
+
+    sigma: of the outliers, in units of the declared noise
+
+    In a channel that is quieter than declared, more of them are beyond the limit.
+    """
     counts = np.array([int(one.is_outlying(_OUTLYING_SIGMA).sum()) for one in channels])
     total = int(counts.sum())
     if total < 8 or len(counts) < 2:
         return True
-    positive = counts[counts > 0]
-    statistic = 2.0 * float(np.sum(positive * np.log(positive * len(counts) / total)))
+    visible = np.array([one.count_visible(sigma) for one in channels])
+    expected = np.maximum(visible, 1e-9) * total / max(float(visible.sum()), 1e-9)
+    is_hit = counts > 0
+    statistic = 2.0 * float(np.sum(counts[is_hit] * np.log(counts[is_hit] / expected[is_hit])))
     return bool(chdtrc(len(counts) - 1, max(statistic, 0.0)) > _MIN_UNIFORM_P_VALUE)
 
 

@@ -163,3 +163,14 @@ def test_stated_errors_of_share_and_size_are_those_of_many_drives():
     rms = np.sqrt(np.mean(np.square(pulls), axis=0))
     print(f"seeds 0 to 23: rms of error over sigma {rms[0]:.2f} of the share, {rms[1]:.2f} of the size")
     assert np.all((rms > 0.7) & (rms < 1.4))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_outliers_of_one_size_are_detected_where_channels_are_quieter_than_declared(seed):
+    """A gyro with a third of the declared noise shows more of the outliers of three declared sigmas."""
+    rng = np.random.default_rng(seed)
+    clean, y = draw_readings(rng, 6000)
+    y = clean + np.array([0.3, 0.3, 1.0, 0.7, 0.7, 0.7])[:, None] * (y - clean)
+    y += (rng.random(y.shape) < 0.02) * 3.2 * SIGMA * rng.standard_normal(y.shape)
+    (proposal,) = detect_outliers([build_residual(y, clean)])
+    assert proposal.term.effect.values()["sigma"] == pytest.approx(3.2, rel=0.25)
