@@ -1,0 +1,121 @@
+"""Reasons to doubt a finding: another cause or formula would leave nearly the same residual."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from hubodo.effects.empirical import PREFIX
+from hubodo.effects.plausibility import implausible_parameters
+from hubodo.gap.explain.result import Estimate
+from hubodo.gap.judge.hypothesis import MIN_CORRELATED_TEMPERING, UNHELPFUL, Hypothesis
+from hubodo.gap.judge.posterior import MAX_SIMILAR_GAIN
+from hubodo.gap.judge.reconsider import RoundsByKey
+from hubodo.gap.judge.search import SearchResult
+from hubodo.gap.refit.refit import Refit
+from hubodo.gap.state.terms import ALL, ModelTerm
+
+# An unnamed term on the same nodes that gains this many times as much can imitate an effect.
+_MIN_UNNAMED_GAIN_RATIO = 1.0
+# -ln probability, by the jackknife, below which the parts of a log do not agree on an effect.
+_MIN_CONSISTENT_SURPRISE = 5.0
+# Blocks of some four seconds that show the correlation of uneven noise; half a drive has 16. With fewer,
+# an effect must gain this many sigma of the level of the noise.
+_MIN_UNEVEN_BLOCKS, _MIN_LEVEL_SIGMAS = 12, 3.0
+# Parameter that is the shape of a drift, and how many sigmas determine it.
+_SHAPE_PARAMETER, _MIN_SHAPE_SIGMAS = "time_constant", 3.0
+
+
+def is_doubted(
+    term: ModelTerm,
+    own: Hypothesis | None,
+    hypotheses: Sequence[Hypothesis],
+    parameters: Mapping[str, Estimate],
+    result: SearchResult,
+    rounds: RoundsByKey,
+) -> bool:
+    """Return True if another cause or formula would leave nearly the same residual.
+
+    own, hypotheses: that of the finding, and all of its round
+    """
+    if term.effect.name.startswith(PREFIX):
+        # The structure is there, but a formula with the spin fits about as well as one with its square.
+        return True
+    if implausible_parameters(term.effect):
+        # The fit wants more than is plausible.
+        return True
+    is_correlated = result.rounds[-1].tempering > MIN_CORRELATED_TEMPERING
+    return (
+        _is_contested(own, hypotheses)
+        or _is_hardly_repeated(own, result.final)
+        or (is_correlated and (_is_inconsistent(own) or _is_shapeless(parameters)))
+        or _is_overshadowed(term, result, rounds)
+    )
+
+
+def _is_contested(own: Hypothesis | None, hypotheses: Sequence[Hypothesis]) -> bool:
+    """Return True if a listed effect with as few coordinates fits as well, but fails on held-out samples.
+
+    A clock that drifts is visible at the end of a log alone, which the other folds do not predict.
+    """
+    if own is None or own.held_out_gain is None:
+        return False
+    return any(
+        other.objection == UNHELPFUL
+        and not other.term.effect.name.startswith(PREFIX)
+        and other.term.effect.name != own.term.effect.name
+        and other.gain > own.gain - MAX_SIMILAR_GAIN
+        and len(other.term.effect.coordinates()) <= len(own.term.effect.coordinates())
+        for other in hypotheses
+    )
+
+
+def _is_hardly_repeated(own: Hypothesis | None, final: Refit) -> bool:
+    """Return True if a short log of uneven noise shows an effect by less than its level leaves in doubt.
+
+    Few stretches neither show how correlated the residuals are nor contain the same manoeuvre twice.
+    """
+    gain = None if own is None else own.held_out_gain
+    is_short = final.min_tempering > 1.0 and len(final.block_scores) < _MIN_UNEVEN_BLOCKS
+    return gain is not None and is_short and gain.total < _MIN_LEVEL_SIGMAS * gain.level_sigma
+
+
+def _is_inconsistent(own: Hypothesis | None) -> bool:
+    """Return True if the parts of a log do not agree on an effect.
+
+    A warm-up follows a random walk of the bias, but without any part of it, the others give another warm-up.
+    """
+    return own is not None and own.held_out_gain is not None and own.surprise < _MIN_CONSISTENT_SURPRISE
+
+
+def _is_overshadowed(term: ModelTerm, result: SearchResult, rounds: RoundsByKey) -> bool:
+    """Return True if an unnamed term on the same nodes has a much larger gain."""
+    terms = [other for other in result.final.state.terms if other.is_fitted]
+    nodes = result.final.state.problem.nodes
+    scopes = [term.scope, *(node.name for node in nodes if term.scope == ALL)]
+    return any(
+        other.effect.name.startswith(PREFIX)
+        and other.scope in scopes
+        and _gain_of(rounds, other) > _MIN_UNNAMED_GAIN_RATIO * _gain_of(rounds, term)
+        for other in terms
+    )
+
+
+def _is_shapeless(parameters: Mapping[str, Estimate]) -> bool:
+    """Return True if the time constant of a drift is not determined.
+
+    Any slow drift looks like one with a time constant as long as the log, a random walk of a gyro as well.
+    """
+    shape = parameters.get(_SHAPE_PARAMETER)
+    return (
+        len(parameters) > 1
+        and shape is not None
+        and shape.value < _MIN_SHAPE_SIGMAS * (shape.sigma or np.inf)
+    )
+
+
+def _gain_of(rounds: RoundsByKey, term: ModelTerm) -> float:
+    judged = rounds.get(term.key)
+    own = None if judged is None else judged.find_hypothesis(term.key)
+    return 0.0 if own is None else own.gain
