@@ -34,7 +34,7 @@ from hubodo.effects import BY_NAME  # noqa: E402
 from hubodo.gap.change.change import compare_with_first_log, fit_first_log  # noqa: E402
 from hubodo.gap.change.result import Change, ChangeResult  # noqa: E402
 from hubodo.gap.problem.build import build_problem  # noqa: E402
-from hubodo.gap.refit.refit import Refit  # noqa: E402
+from hubodo.gap.refit.linear_fit import Refit  # noqa: E402
 from hubodo.model.model_file import Model, read_model  # noqa: E402
 
 HALVES = tuple(f"{drive}/{half}" for drive in ("drive-1", "drive-2") for half in ("first", "second"))

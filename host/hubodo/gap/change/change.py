@@ -22,9 +22,9 @@ from hubodo.gap.judge.round import ReportProgress
 from hubodo.gap.judge.search import SearchObserver, build_initial_state, search_effects
 from hubodo.gap.problem.build import build_problem
 from hubodo.gap.problem.problem import Problem
+from hubodo.gap.refit.linear_fit import Refit
 from hubodo.gap.refit.prior import MIN_GIVEN_TEMPERING
 from hubodo.gap.refit.prune import prune_coordinates
-from hubodo.gap.refit.refit import Refit
 from hubodo.gap.screen.null_distribution import NullDistribution
 from hubodo.gap.screen.unnamed_terms import find_unnamed_terms
 from hubodo.gap.state.state import State

@@ -26,8 +26,9 @@ from hubodo.gap.change.joint import (
 from hubodo.gap.judge.hypothesis import Hypothesis
 from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.refit.cross_validation import HeldOutGain, compute_held_out_gain
+from hubodo.gap.refit.linear_fit import Refit, linearise_fit
 from hubodo.gap.refit.prior import coordinate_slice
-from hubodo.gap.refit.refit import Refit, continue_fit, linearise_fit
+from hubodo.gap.refit.refit import continue_fit
 from hubodo.gap.screen.candidates import Candidate
 from hubodo.gap.screen.evidence import compute_log_evidence
 from hubodo.gap.state.state import State

@@ -11,7 +11,7 @@ from hubodo.gap.change.joint import FROZEN_VARIANCE, EffectKey, JointFit, JointG
 from hubodo.gap.explain.finding import estimate_parameters
 from hubodo.gap.explain.result import Estimate
 from hubodo.gap.linear.directions import move_terms
-from hubodo.gap.refit.refit import Refit
+from hubodo.gap.refit.linear_fit import Refit
 
 
 def estimate_change(pair: LogPair, key: EffectKey) -> dict[str, tuple[Estimate, Estimate, Estimate]]:

@@ -20,7 +20,8 @@ from hubodo.gap.explain.result import Estimate, Finding
 from hubodo.gap.judge.round import ReportProgress
 from hubodo.gap.judge.search import SearchResult, build_initial_state
 from hubodo.gap.problem.problem import Problem
-from hubodo.gap.refit.refit import Refit, refit, refit_with_weights
+from hubodo.gap.refit.linear_fit import Refit
+from hubodo.gap.refit.refit import refit, refit_with_weights
 from hubodo.gap.state.terms import ALL, ModelTerm, model_of_terms
 from hubodo.gap.workflow import find_problem_gap
 from hubodo.model.model_file import Model

@@ -8,7 +8,7 @@ from dataclasses import replace
 from hubodo.gap.change.difference import ChangeCandidate, LogPair
 from hubodo.gap.judge.hypothesis import judge_proposal
 from hubodo.gap.process_noise.evaluation import Evaluation
-from hubodo.gap.refit.refit import linearise_fit
+from hubodo.gap.refit.linear_fit import linearise_fit
 from hubodo.gap.scatter import SCATTER_DETECTORS, Proposal
 from hubodo.gap.state.terms import ModelTerm
 

@@ -13,7 +13,7 @@ from hubodo.gap.judge.hypothesis import MIN_CORRELATED_TEMPERING, UNHELPFUL, Hyp
 from hubodo.gap.judge.posterior import MAX_SIMILAR_GAIN
 from hubodo.gap.judge.reconsider import RoundsByKey
 from hubodo.gap.judge.search import SearchResult
-from hubodo.gap.refit.refit import Refit
+from hubodo.gap.refit.linear_fit import Refit
 from hubodo.gap.state.terms import ALL, ModelTerm
 
 # An unnamed term on the same nodes that gains this many times as much can imitate an effect.

@@ -18,7 +18,7 @@ from hubodo.gap.judge.posterior import MAX_SIMILAR_GAIN, sum_by_name
 from hubodo.gap.judge.reconsider import RoundsByKey
 from hubodo.gap.judge.search import SearchResult
 from hubodo.gap.process_noise.residual import Residual, compute_gap
-from hubodo.gap.refit.refit import Refit
+from hubodo.gap.refit.linear_fit import Refit
 from hubodo.gap.state.terms import ModelTerm
 
 # Posterior probability from which on another effect counts as inseparable.

@@ -11,8 +11,9 @@ from hubodo.arrays import Array
 from hubodo.effects.empirical import PREFIX
 from hubodo.effects.plausibility import implausible_parameters
 from hubodo.gap.refit.cross_validation import HeldOutGain, compute_held_out_gain
+from hubodo.gap.refit.linear_fit import Refit
 from hubodo.gap.refit.prune import MODEL_IMPRECISION, count_determined, given_coordinates
-from hubodo.gap.refit.refit import Refit, compute_gain
+from hubodo.gap.refit.refit import compute_gain
 from hubodo.gap.scatter import Proposal
 from hubodo.gap.screen.evidence import USUAL_SCALE, compute_log_evidence
 from hubodo.gap.screen.null_distribution import NullDistribution

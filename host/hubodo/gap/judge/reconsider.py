@@ -18,7 +18,8 @@ from hubodo.gap.judge.hypothesis import (
 )
 from hubodo.gap.judge.round import EMPIRICAL, MIN_ADD_PROBABILITY, Round
 from hubodo.gap.judge.search import SearchObserver, SearchResult
-from hubodo.gap.refit.refit import Refit, compute_gain, refit, refit_with_weights
+from hubodo.gap.refit.linear_fit import Refit
+from hubodo.gap.refit.refit import compute_gain, refit, refit_with_weights
 from hubodo.gap.state.state import State
 from hubodo.gap.state.terms import ModelTerm
 

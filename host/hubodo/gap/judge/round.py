@@ -27,15 +27,8 @@ from hubodo.gap.judge.shortlist import screen_strictly, select_for_refit
 from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.process_noise.tracking import track_wheel_phase
 from hubodo.gap.process_noise.weights import Weights
-from hubodo.gap.refit.refit import (
-    Refit,
-    compute_added_gain,
-    compute_gain,
-    continue_fit,
-    fit_tracked,
-    linearise_fit,
-    refit,
-)
+from hubodo.gap.refit.linear_fit import Refit, linearise_fit
+from hubodo.gap.refit.refit import compute_added_gain, compute_gain, continue_fit, fit_tracked, refit
 from hubodo.gap.scatter import SCATTER_DETECTORS, Proposal
 from hubodo.gap.screen.null_distribution import NullDistribution
 from hubodo.gap.screen.screening import ScreenedCandidate, screen_candidates

@@ -13,7 +13,8 @@ from hubodo.gap.judge.journal import Journal
 from hubodo.gap.judge.round import EMPIRICAL, ReportProgress, Round
 from hubodo.gap.problem.problem import NodeData, Problem
 from hubodo.gap.process_noise.residual import compute_gap
-from hubodo.gap.refit.refit import Refit, refit_with_weights
+from hubodo.gap.refit.linear_fit import Refit
+from hubodo.gap.refit.refit import refit_with_weights
 from hubodo.gap.state.state import State
 from hubodo.gap.state.terms import terms_of_model
 from hubodo.model.forward import NodeInitialState

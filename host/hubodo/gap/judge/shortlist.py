@@ -6,7 +6,7 @@ from collections.abc import Collection
 from dataclasses import replace
 
 from hubodo.gap.process_noise.weights import declared_wheel_walk
-from hubodo.gap.refit.refit import Refit
+from hubodo.gap.refit.linear_fit import Refit
 from hubodo.gap.screen.screening import ScreenedCandidate, screen_candidates
 
 # Chosen, and judged together with the other settings of the search, by `make gap-matrix`.

@@ -12,7 +12,8 @@ from hubodo.effects.empirical import PREFIX
 from hubodo.effects.plausibility import implausible_parameters
 from hubodo.gap.process_noise.residual import compute_gap
 from hubodo.gap.refit.cross_validation import compute_level_scatter, sum_folds
-from hubodo.gap.refit.refit import Refit, compute_model_gain, refit
+from hubodo.gap.refit.linear_fit import Refit
+from hubodo.gap.refit.refit import compute_model_gain, refit
 from hubodo.gap.state.terms import ALL, ModelTerm, terms_of_model
 
 # Total loss in ln likelihood that pruning may cost, in sigma due to a noise level that varies along the

@@ -17,7 +17,8 @@ from hubodo.gap.judge.search import SearchResult
 from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.process_noise.residual import compute_gap
 from hubodo.gap.process_noise.tracking import track_wheel_phase
-from hubodo.gap.refit.refit import Refit, compute_gain, fit_tracked, refit, refit_with_weights
+from hubodo.gap.refit.linear_fit import Refit
+from hubodo.gap.refit.refit import compute_gain, fit_tracked, refit, refit_with_weights
 from hubodo.gap.scaffold.scan import Dependence, scan_dependences
 from hubodo.gap.scaffold.source import Observation, Summand, compile_effect, render_source
 from hubodo.gap.state.state import State
