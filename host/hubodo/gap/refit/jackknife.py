@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f as fisher
+from scipy.special import fdtrc
 
 from hubodo.arrays import Array
 from hubodo.gap.refit.cross_validation import FoldGrams
@@ -19,6 +19,8 @@ from hubodo.gap.refit.prior import CoordinatePrior
 
 # Largest number of groups; a group has at least one block of windows, which is longer than most correlation.
 MAX_GROUPS = 32
+# Smallest probability that a double represents in full.
+_MIN_PROBABILITY = 1e-300
 
 
 def compute_jackknife_surprise(
@@ -55,4 +57,4 @@ def _test(estimate: Array, covariance: Array, count: int) -> float:
         return 0.0
     quadratic = float(estimate @ np.linalg.pinv(covariance, hermitian=True) @ estimate)
     statistic = (count - size) / (size * (count - 1)) * quadratic
-    return float(-fisher.logsf(statistic, size, count - size))
+    return -math.log(max(float(fdtrc(size, count - size, statistic)), _MIN_PROBABILITY))
