@@ -4,6 +4,7 @@ import json
 import math
 import time
 from dataclasses import dataclass, field
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -51,6 +52,8 @@ class Turned(StillMotion):
 def bench(tmp_path):
     """Yield a node on a port and a turntable under it with speed SPEED."""
     micropython_or_skip()
+    # The node is a thread of this process: loading 400 modules on a busy computer silences it for seconds.
+    import_module("hubodo.verbs.north")
     motion = Turned()
 
     def turning(from_deg, to_deg, put):
