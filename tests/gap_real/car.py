@@ -16,7 +16,7 @@ from hubodo.gap.problem.build import build_problem  # noqa: E402
 from hubodo.gap.refit.refit import refit_with_weights  # noqa: E402
 from hubodo.gap.state.terms import ModelTerm  # noqa: E402
 from hubodo.log.csv_folder import read_folder  # noqa: E402
-from hubodo.model.model_file import Model  # noqa: E402
+from hubodo.model.model_file import Model, read_model  # noqa: E402
 from hubodo.recording import Recording, Table  # noqa: E402
 from vehicles import model_toml  # noqa: E402
 
@@ -31,6 +31,13 @@ CAR = model_toml(
 # Largest accepted error of a value: share of the injected size, or number of sigmas.
 MAX_ERROR_SHARE, MAX_ERROR_SIGMA = 0.25, 3.0
 DELAY_EFFECTS = ("time_offset", "clock_skew", "gyro_lag")
+
+
+def read_car_model(folder: Path, effects: str = "") -> Model:
+    """Return the model of the car with further effects, as text of a model file, written to a folder."""
+    path = folder / "car.toml"
+    path.write_text(CAR + effects, "utf-8")
+    return read_model(path)
 
 
 def read_drive(name: str) -> Recording:

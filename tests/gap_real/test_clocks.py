@@ -3,7 +3,7 @@
 from itertools import product
 
 import pytest
-from car import CAR, read_drive
+from car import read_car_model, read_drive
 from sample_effects import injections
 
 from hubodo.effects import BY_NAME
@@ -12,7 +12,6 @@ from hubodo.gap.problem.build import build_problem
 from hubodo.gap.process_noise.residual import compute_gap
 from hubodo.gap.refit.refit import refit_with_weights
 from hubodo.gap.state.terms import ModelTerm
-from hubodo.model.model_file import read_model
 
 VEHICLE = ("gyro_bias", "node_misalignment", "lever_arm", "gyro_scale_factor")
 STRONG = next(
@@ -23,9 +22,7 @@ STRONG = next(
 @pytest.fixture(scope="module")
 def fit_gap(tmp_path_factory):
     """Return a function that fits the vehicle, and perhaps a clock, to a drive: gap, skew in ppm."""
-    path = tmp_path_factory.mktemp("car") / "car.toml"
-    path.write_text(CAR, "utf-8")
-    model = read_model(path)
+    model = read_car_model(tmp_path_factory.mktemp("car"))
 
     def fit(recording, wheel="", ppm=0.0):
         state = build_initial_state(build_problem(recording, model))

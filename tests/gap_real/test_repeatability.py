@@ -9,7 +9,7 @@ import pytest
 
 sys.path[:0] = [str(Path(__file__).resolve().parent)]
 
-from car import CAR, read_drive  # noqa: E402
+from car import read_car_model, read_drive  # noqa: E402
 from sample_effects import injections  # noqa: E402
 
 from hubodo.effects import BY_NAME  # noqa: E402
@@ -20,7 +20,6 @@ from hubodo.gap.process_noise.residual import compute_gap  # noqa: E402
 from hubodo.gap.refit.cross_validation import compute_held_out_gain  # noqa: E402
 from hubodo.gap.refit.refit import refit, refit_with_weights  # noqa: E402
 from hubodo.gap.state.terms import REPEATABILITY, ModelTerm  # noqa: E402
-from hubodo.model.model_file import read_model  # noqa: E402
 
 # As `gap` learnt it on drive-2; on drive-1 the left misalignment differs by 0.6 mrad.
 LEARNT_ON_DRIVE_2 = """
@@ -58,9 +57,7 @@ NONORTHOGONALITY = ("gyro_nonorthogonality", "left")
 
 @pytest.fixture(scope="module")
 def model(tmp_path_factory):
-    path = tmp_path_factory.mktemp("model") / "car.toml"
-    path.write_text(CAR + LEARNT_ON_DRIVE_2, "utf-8")
-    return read_model(path)
+    return read_car_model(tmp_path_factory.mktemp("model"), LEARNT_ON_DRIVE_2)
 
 
 def fit(recording, model, *terms):

@@ -11,13 +11,12 @@ import pytest
 
 sys.path[:0] = [str(Path(__file__).resolve().parent)]
 
-from car import CAR, read_drive  # noqa: E402
+from car import read_car_model, read_drive  # noqa: E402
 from test_uneven_noise import LEARNT_ON_DRIVE_1  # noqa: E402
 
 from hubodo.gap.judge.search import build_initial_state  # noqa: E402
 from hubodo.gap.problem.build import build_problem  # noqa: E402
 from hubodo.gap.refit.refit import refit_with_weights  # noqa: E402
-from hubodo.model.model_file import read_model  # noqa: E402
 
 # As `gap` learnt it on drive-2-rim, which shows no unnamed term: its noise is larger.
 LEARNT_ON_RIMS = """
@@ -51,9 +50,8 @@ SPIN = 20.0  # rad/s, nearly the fastest of both drives
 
 def measure_amplitudes(drive, effects, folder):
     """Return the amplitude of cos 2θ in gx of each node, which grows with the spin, in rad/s at `SPIN`."""
-    path = folder / "car.toml"
-    path.write_text(CAR + effects, "utf-8")
-    fit = refit_with_weights(build_initial_state(build_problem(read_drive(drive), read_model(path))))
+    problem = build_problem(read_drive(drive), read_car_model(folder, effects))
+    fit = refit_with_weights(build_initial_state(problem))
     amplitudes = {}
     for name, residual in fit.evaluation.mean_residuals.items():
         rolling = fit.state.predictions[name].rolling

@@ -10,14 +10,13 @@ import pytest
 
 sys.path[:0] = [str(Path(__file__).resolve().parent)]
 
-from car import CAR, read_drive  # noqa: E402
+from car import read_car_model, read_drive  # noqa: E402
 from variants import read_variant  # noqa: E402
 
 from hubodo.gap.judge.round import judge_round  # noqa: E402
 from hubodo.gap.judge.search import build_initial_state  # noqa: E402
 from hubodo.gap.problem.build import build_problem  # noqa: E402
 from hubodo.gap.refit.refit import refit_with_weights  # noqa: E402
-from hubodo.model.model_file import read_model  # noqa: E402
 
 # As `gap` learnt it on drive-1.
 LEARNT_ON_DRIVE_1 = """
@@ -53,9 +52,7 @@ z = 0.020854
 
 @pytest.fixture(scope="module")
 def model(tmp_path_factory):
-    path = tmp_path_factory.mktemp("model") / "car.toml"
-    path.write_text(CAR + LEARNT_ON_DRIVE_1, "utf-8")
-    return read_model(path)
+    return read_car_model(tmp_path_factory.mktemp("model"), LEARNT_ON_DRIVE_1)
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +76,7 @@ def test_noise_of_half_a_drive_is_no_effect(fit):
 
 @pytest.mark.repeat
 def test_a_drive_at_a_third_of_its_rate_shows_no_random_walk(model):
-    """At 40 Hz vibration is aliased into the means of the gyros, which wander by as much as a walk would."""
+    """At 40 Hz vibration is aliased into the means of the gyros, which drift as much as a random walk."""
     _drive, recording = read_variant("40_hz")
     judged = judge_round(refit_with_weights(build_initial_state(build_problem(recording, model))).evaluation)
     print(f"first hypothesis {judged.hypotheses[0].key}, nothing missing {judged.null_probability:.3f}")

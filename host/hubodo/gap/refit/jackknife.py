@@ -33,7 +33,7 @@ def compute_jackknife_surprise(
     value: (k,) coordinates of the effect at the fit, zero if it is absent
     places: (k,) their indices
 
-    With n groups and the covariance V of k estimates from the scatter of those without one group,
+    With n groups and the jackknife covariance V of k estimates,
     (n - k) / (k (n - 1)) value' V⁻¹ value follows an F distribution with k and n - k degrees of freedom
     (Hotelling's T²). All coordinates are tested together, and each one alone, as often only one is not zero.
     The larger surprise counts, less ln k for the choice (Bonferroni).
