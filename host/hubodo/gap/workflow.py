@@ -16,6 +16,7 @@ from hubodo.gap.judge.journal import Journal
 from hubodo.gap.judge.reconsider import RoundsByKey, drop_chance_effects, reconsider_effects
 from hubodo.gap.judge.round import ReportProgress
 from hubodo.gap.judge.search import SearchObserver, SearchResult, build_initial_state, search_effects
+from hubodo.gap.judge.small_effects import search_small_effects
 from hubodo.gap.problem.build import build_problem
 from hubodo.gap.problem.problem import Problem
 from hubodo.gap.process_noise.evaluation import Evaluation
@@ -77,7 +78,8 @@ def find_problem_gap(
     results = list[SearchResult]()
     observer = SearchObserver(journal or Journal(), report_progress, results.append)
     try:
-        results.append(search_effects(initial_state, accept, reject, observer))
+        searched = search_effects(initial_state, accept, reject, observer)
+        results.append(search_small_effects(searched, reject, observer))
         result, rounds = reconsider_effects(results[-1], accept, reject, observer)
         result, rounds = drop_chance_effects(result, rounds, accept)
         # What is measured and written has the given effects as they are in the model file.

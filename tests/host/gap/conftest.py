@@ -57,3 +57,13 @@ def evaluation(problem):
     """Return the evaluation of the unchanged model on the clean log, with tracked wheel phases."""
     state, _ = track_wheel_phase(build_initial_state(problem))
     return Evaluation(state, estimate_weights(state))
+
+
+@pytest.fixture(scope="session")
+def long_evaluation(tmp_path_factory):
+    """Return the evaluation of the unchanged model on a clean log of 160 s, with tracked wheel phases."""
+    folder = tmp_path_factory.mktemp("long_log")
+    write_case(folder, SEED, [], duration=160.0, rate_hz=50.0, vibration=0.0)
+    problem = build_problem(read_folder(folder), read_model(folder / "model.toml"))
+    state, _ = track_wheel_phase(build_initial_state(problem))
+    return Evaluation(state, estimate_weights(state))

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from hubodo.gap.change.difference import ChangeCandidate, LogPair
-from hubodo.gap.judge.hypothesis import judge_proposal
+from hubodo.gap.judge.hypothesis import Baseline, judge_proposal
 from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.refit.linear_fit import linearise_fit
 from hubodo.gap.scatter import SCATTER_DETECTORS, Proposal
@@ -29,7 +29,7 @@ def list_scatter_differences(pair: LogPair) -> Iterator[ChangeCandidate]:
         state = fits[1].state.with_term(proposal.term)
         with_term = linearise_fit(fits[1].evaluation.with_state(state))
         walk_fit = with_term if proposal.term.effect.is_process() else None
-        hypothesis = judge_proposal(fits[1], proposal, walk_fit, pair.tempering)
+        hypothesis = judge_proposal(Baseline(fits[1], 0.0, pair.tempering), proposal, walk_fit)
         yield ChangeCandidate(hypothesis, replace(pair, fits=(fits[0], with_term.without_cache())))
 
 

@@ -45,7 +45,9 @@ def is_doubted(
     if implausible_parameters(term.effect):
         # The fit wants more than is plausible.
         return True
-    is_correlated = result.rounds[-1].tempering > MIN_CORRELATED_TEMPERING
+    is_correlated = (
+        result.final.state.has_correlated_noise or result.rounds[-1].tempering > MIN_CORRELATED_TEMPERING
+    )
     return (
         _is_contested(own, hypotheses)
         or _is_hardly_repeated(own, result.final)

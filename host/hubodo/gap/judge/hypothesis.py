@@ -35,6 +35,10 @@ _MIN_LEVEL_SIGMAS, _MIN_LEVEL_SIGMAS_UNNAMED, _TRIAD_SIZE = 0.45, 1.3, 3
 # Smallest gain of an effect that a varying noise level could produce where residuals are correlated, in ln
 # likelihood, tempered: the mean of a real sensor's noise, which differs with the spin, imitates effects.
 MIN_CORRELATED_GAIN, MIN_CORRELATED_TEMPERING = 45.0, 3.0
+# The same under weights with the correlation of the noise, whatever the tempering. An effect also needs this
+# -ln probability by the jackknife there, which the largest of 60 candidates in noise exceeds once in 200, and
+# this many sigma of its gain on held-out samples.
+_MIN_WHITENED_GAIN, _MIN_WHITENED_SURPRISE, _MIN_WHITENED_Z = 30.0, 9.5, 8.0
 # -ln probability, by the jackknife, up to which that gain is demanded in full, and from which on it is not:
 # in the noise of real drives without an effect, the most surprising of 60 candidates has a median of 7 nats.
 _CHANCE_SURPRISE, _CERTAIN_SURPRISE = 8.0, 16.0
@@ -46,6 +50,7 @@ _MIN_PLAUSIBLE_SHARE = 0.5
 _OBJECTION_EVIDENCE = -50.0
 UNHELPFUL = "does not help on samples to which it was not fitted"
 DOUBTFUL_LEVEL = "gains no more on held-out samples than the level of the noise leaves in doubt"
+INCONSISTENT = "differs between parts of the log as noise does"
 _DOUBTFUL_CORRELATION = "gains no more than the correlation of the residuals leaves in doubt"
 
 
@@ -61,6 +66,21 @@ class Baseline:
     fit: Refit
     added_gain: float
     tempering: float
+
+    @property
+    def is_whitened(self) -> bool:
+        """Return True if the weights contain the correlation of the noise."""
+        return self.fit.evaluation.weights.is_correlated
+
+    def chance_gain(self, surprise: float = 0.0) -> float:
+        """Return the gain on held-out samples that correlated residuals produce by chance.
+
+        surprise: -ln of the probability of the estimate without the effect, by the jackknife; white weights
+            demand less of a large one
+        """
+        if self.is_whitened:
+            return _MIN_WHITENED_GAIN * self.tempering
+        return chance_gain(self.tempering, surprise)
 
 
 @dataclass(frozen=True)
@@ -150,16 +170,19 @@ def judge_effect(baseline: Baseline, screened: ScreenedCandidate, after: Refit) 
     return _weigh_objections(baseline, term, after, gain, evidence - term.effect.neg_log_prior())
 
 
-def judge_proposal(
-    before: Refit, proposal: Proposal, walk_refit: Refit | None, tempering: float
-) -> Hypothesis:
+def judge_proposal(baseline: Baseline, proposal: Proposal, walk_refit: Refit | None) -> Hypothesis:
     """Judge a proposal of a scatter detector.
 
-    A random walk is judged by its refit like other effects, with free wheel angles.
+    A random walk is judged by its refit like other effects, with free wheel angles. The bank of a road
+    follows any slow noise of the accelerometers across, so that it must gain more than that does.
     """
-    gain = proposal.gain if walk_refit is None else compute_gain(before, walk_refit)
-    evidence = gain / tempering - (proposal.gain - proposal.evidence)
-    return Hypothesis(proposal.term, gain, evidence, 0.0, None, proposal)
+    gain = proposal.gain if walk_refit is None else compute_gain(baseline.fit, walk_refit)
+    evidence = gain / baseline.tempering - (proposal.gain - proposal.evidence)
+    hypothesis = Hypothesis(proposal.term, gain, evidence, 0.0, None, proposal)
+    is_bank = proposal.term.effect.bank_process()[0] > 0.0
+    if baseline.is_whitened and is_bank and gain < MIN_CORRELATED_GAIN * baseline.tempering:
+        return hypothesis.with_objection(_DOUBTFUL_CORRELATION)
+    return hypothesis
 
 
 def judge_unnamed_term(baseline: Baseline, unnamed: UnnamedTerm, after: Refit) -> Hypothesis:
@@ -186,18 +209,21 @@ def _weigh_objections(
         return hypothesis.with_objection(_describe_implausible(term, after))
     if not helps_held_out(gain, held_out_gain, tempering):
         return hypothesis.with_objection(UNHELPFUL)
+    is_steady = surprise >= _MIN_WHITENED_SURPRISE and held_out_gain.z >= _MIN_WHITENED_Z
+    if baseline.is_whitened and not is_steady:
+        return hypothesis.with_objection(INCONSISTENT)
     demanded = held_out_gain
     if not term.effect.name.startswith(PREFIX):
         # An effect may take over what differences of the given ones explain without it.
         doubt = max(MODEL_IMPRECISION**2 * baseline.added_gain, baseline.fit.given_gain, after.given_gain)
-        demanded = replace(held_out_gain, max_doubt=max(doubt, chance_gain(tempering, surprise)))
-        in_doubt = replace(held_out_gain, max_doubt=max(doubt, chance_gain(tempering)))
+        demanded = replace(held_out_gain, max_doubt=max(doubt, baseline.chance_gain(surprise)))
+        in_doubt = replace(held_out_gain, max_doubt=max(doubt, baseline.chance_gain()))
         hypothesis = replace(hypothesis, held_out_gain=in_doubt)
     if not is_within_level(term, demanded):
         return hypothesis
     if not term.effect.varies_between_drives:
         return hypothesis.with_objection(DOUBTFUL_LEVEL)
-    is_chance = held_out_gain.total < chance_gain(tempering, surprise)
+    is_chance = held_out_gain.total < baseline.chance_gain(surprise)
     return hypothesis.with_objection(_DOUBTFUL_CORRELATION) if is_chance else hypothesis
 
 
@@ -254,14 +280,18 @@ def compute_surprise(fit: Refit, key: tuple[str, str]) -> float:
 
 
 def chance_gain(tempering: float, surprise: float = 0.0) -> float:
-    """Return the gain on held-out samples that correlated residuals produce by chance.
+    """Return that gain under white weights."""
+    return (
+        MIN_CORRELATED_GAIN * tempering * _chance_share(surprise)
+        if tempering > MIN_CORRELATED_TEMPERING
+        else 0.0
+    )
 
-    surprise: -ln of the probability of the estimate without the effect, by the jackknife
-    """
-    if tempering <= MIN_CORRELATED_TEMPERING:
-        return 0.0
+
+def _chance_share(surprise: float) -> float:
+    """Return the share of the gain by chance that is demanded of an estimate with some surprise."""
     share = (_CERTAIN_SURPRISE - surprise) / (_CERTAIN_SURPRISE - _CHANCE_SURPRISE)
-    return MIN_CORRELATED_GAIN * tempering * min(max(share, 0.0), 1.0)
+    return min(max(share, 0.0), 1.0)
 
 
 def _limit_gain(gain: float, promised: float) -> float:

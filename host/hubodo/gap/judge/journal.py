@@ -36,7 +36,7 @@ from hubodo.model.model_file import Model
 from hubodo.model.model_text import model_toml
 from hubodo.recording import Recording
 
-_JOURNAL_VERSION = 3
+_JOURNAL_VERSION = 4
 
 
 class Journal:
@@ -211,6 +211,7 @@ def _state_from_json(entry: Mapping[str, Any], point: Evaluation) -> State:
         {name: _array_from_text(values) for name, values in entry["measured"].items()},
         # A round does not change the evaluation.
         point.state.has_steady_wheels,
+        point.state.has_correlated_noise,
     )
 
 

@@ -133,6 +133,8 @@ class _EffectSet:
         judged = self.original_rounds.get(term.key)
         if judged is None or not self.is_search_complete:
             return False
+        if judged.evaluation.state.has_correlated_noise != self.final.state.has_correlated_noise:
+            return False
         if term.effect.is_process() and len(self.terms) > 1:
             # Several effects together may replace the walk.
             return False

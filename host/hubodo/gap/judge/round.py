@@ -147,9 +147,7 @@ def judge_round(
     tempering = _choose_tempering(selected, refits, all_refits)
     baseline = Baseline(before, compute_added_gain(before), tempering)
     hypotheses = [judge_effect(baseline, item, fit) for item, fit in zip(selected, refits, strict=True)]
-    hypotheses += [
-        judge_proposal(before, item, walk_refits.get(item.term.key), tempering) for item in proposals
-    ]
+    hypotheses += [judge_proposal(baseline, item, walk_refits.get(item.term.key)) for item in proposals]
     hypotheses += [
         judge_unnamed_term(baseline, item, fit) for item, fit in zip(unnamed, unnamed_refits, strict=True)
     ]

@@ -129,7 +129,7 @@ def _search_rounds(
             break
         state = (best.state or fit.state).with_term(best.term)
         attempt = refit_with_weights(replace(state)).without_cache()
-        if best.term.is_refittable and not was_accepted and _is_worse(fit, attempt):
+        if best.term.is_refittable and not was_accepted and is_worse(fit, attempt):
             # The fit lost track of the wheel, so the effect is no explanation.
             rounds.pop()
             reject = {*reject, best.term.effect.name}
@@ -161,7 +161,8 @@ def _report_round(report_progress: ReportProgress, number: int, words: str, shar
     )
 
 
-def _is_worse(before: Refit, after: Refit) -> bool:
+def is_worse(before: Refit, after: Refit) -> bool:
+    """Return True if the gap grew from one fit to another: the effect interferes with others."""
     gap_before = compute_gap(
         replace(before.without_cache().evaluation, weights=after.evaluation.weights).residuals
     )

@@ -114,14 +114,14 @@ class Evaluation:
 
     def samples_per_block(self) -> Array:
         """Return how many readings of each channel take part in each block of windows, (B, C)."""
-        return self._sum_blocks({n.name: self._weight(n, slice(None)) > 0.0 for n in self.problem.nodes})
+        return self._sum_blocks({n.name: self.weigh(n) > 0.0 for n in self.problem.nodes})
 
     def squares_per_block(self) -> Array:
         """Return the squares of the residuals, in sigma, in each block of windows and channel, (B, C)."""
         residuals = self.mean_residuals
         return self._sum_blocks(
             {
-                node.name: winsorise(residuals[node.name].value * self._weight(node, slice(None))) ** 2
+                node.name: winsorise(residuals[node.name].value * self.weigh(node)) ** 2
                 for node in self.problem.nodes
             }
         )
@@ -139,7 +139,7 @@ class Evaluation:
         self, noises: Sequence[ProcessNoise], columns: NodeColumns | None
     ) -> Iterator[Iterator[NodeSegment]]:
         limits = {
-            node.name: winsor_limits(self.state.residual(node) * self._weight(node, slice(None)))
+            node.name: winsor_limits(self.state.residual(node) * self.weigh(node))
             for node in self.problem.nodes
         }
         for segment in split_segments(self.problem):
@@ -156,7 +156,8 @@ class Evaluation:
         for full_node, node in zip(self.problem.nodes, state.problem.nodes, strict=True):
             samples, limit = segment.samples[node.name], limits[node.name]
             no_columns = np.zeros((0, *node.y.shape), np.float32)
-            weight = self._weight(full_node, samples)
+            correlation = self.weights.correlations.get(node.name)
+            weight = self.weigh(full_node, samples)
             yield NodeSegment(
                 segment.edges[node.name],
                 no_columns if columns is None else columns.columns(node, state, segment.samples),
@@ -165,9 +166,11 @@ class Evaluation:
                 weight,
                 compute_noise_columns(state, node, noises, segment.window_starts),
                 noise_indices(noises, node),
+                None if correlation is None else correlation.whitening,
             )
 
-    def _weight(self, node: NodeData, samples: slice) -> Array:
+    def weigh(self, node: NodeData, samples: slice = slice(None)) -> Array:
+        """Return 1/sigma, (6, n), of a node's channels at some samples, 0 for excluded ones."""
         noise = self.weights.noise[node.name]
         is_used = noise.is_new[samples] * node.used[:, None] * ~node.is_saturated[:, samples]
         return np.asarray(is_used / noise.sigma_at(samples))
@@ -192,6 +195,9 @@ class Evaluation:
                 windows, components = window_indices(grid, node.t), []
                 columns = compute_noise_columns(state, node, noises, segment.window_starts)
                 for index, column in zip(noise_indices(noises, node), columns, strict=True):
+                    if noises[index].slow_noise is not None:
+                        # Noise of the sensor is a part of the residual.
+                        continue
                     series, is_white = smoothed[:, index], noises[index].walk.is_white
                     value = (
                         series[windows]
@@ -203,7 +209,7 @@ class Evaluation:
 
     @property
     def _noises(self) -> list[ProcessNoise]:
-        return list_process_noise(self.state, self.weights.wheel_walks)
+        return list_process_noise(self.state, self.weights)
 
     @cached_property
     def _smoothed_walks(self) -> Array:
@@ -217,7 +223,9 @@ class Evaluation:
         steps = [
             (walk[1:] - noise.walk.decay(WINDOW_DURATION) * walk[:-1]) / math.sqrt(growth)
             for noise, walk in zip(noises, walks, strict=True)
-            if noise.node == node.name and (growth := noise.walk.growth(WINDOW_DURATION)) > 0.0
+            if noise.node == node.name
+            and noise.slow_noise is None
+            and (growth := noise.walk.growth(WINDOW_DURATION)) > 0.0
         ]
         first_samples = np.minimum(window_edges(grid, node)[1:-1], len(node.t) - 1)
         return WalkSteps(np.array(steps).reshape(-1, len(first_samples)), first_samples)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import permutations
 from typing import Literal
@@ -14,7 +14,7 @@ from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
 from hubodo.gap.problem.problem import NodeData, Problem
 from hubodo.gap.process_noise.segments import window_indices
-from hubodo.gap.process_noise.weights import shared_wheel_walk
+from hubodo.gap.process_noise.weights import Carrier, SlowNoise, Weights, shared_wheel_walk
 from hubodo.gap.process_noise.wheel_phase import WINDOW_DURATION
 from hubodo.gap.process_noise.window_sums import RandomWalk
 from hubodo.gap.state.state import State
@@ -42,16 +42,22 @@ NoiseSource = Literal[
     "gx",
     "gy",
     "gz",
+    "slow noise",
 ]
 
 
 @dataclass(frozen=True)
 class ProcessNoise:
-    """One source of process noise; node: name of the node on which it acts, "" for all nodes."""
+    """One source of process noise.
+
+    node: name of the node on which it acts, "" for all nodes
+    slow_noise: noise of a channel that the process describes, of the source of that name
+    """
 
     walk: RandomWalk
     source: NoiseSource
     node: str = ""
+    slow_noise: SlowNoise | None = None
 
     def tracked_value(self, state: State) -> Array | float:
         """Return the tracked value, (N,) at the samples of its node."""
@@ -59,19 +65,23 @@ class ProcessNoise:
         return tracked.get(self.node, 0.0)
 
 
-def list_process_noise(state: State, wheel_walks: Mapping[str, float]) -> list[ProcessNoise]:
-    """Return the process noise of a state; `wheel_walks`: rad²/s, intensity of each wheel's angle."""
+def list_process_noise(state: State, weights: Weights) -> list[ProcessNoise]:
+    """Return the process noise of a state under some weights."""
     noises = list(_list_input_noise(state.problem))
     noises += [ProcessNoise(walk, "bank") for walk in _list_bank_walks(state)]
     for node in state.problem.nodes:
         if node.on_wheel:
-            noises.append(ProcessNoise(RandomWalk(wheel_walks[node.name]), "wheel", node.name))
+            noises.append(ProcessNoise(RandomWalk(weights.wheel_walks[node.name]), "wheel", node.name))
         if state.problem.model.inputs.clock_sigma > 0.0:
             noises.append(ProcessNoise(stamp_delay_walk(state.problem), "clock", node.name))
         drift = sum(effect.random_walk_variance_rate() for effect in state.effects[node.name].values())
         if drift > 0.0:
             walk = RandomWalk(drift, drift * WINDOW_DURATION)
             noises += [ProcessNoise(walk, row, node.name) for row in ("gx", "gy", "gz")]
+    for name, correlation in weights.correlations.items():
+        for one in correlation.slow_noise:
+            process = RandomWalk(0.0, one.sigma**2, correlation_time=one.correlation_time)
+            noises.append(ProcessNoise(process, "slow noise", name, one))
     return noises
 
 
@@ -103,8 +113,10 @@ def compute_noise_columns(
         _input_noise_columns(state, node, window_starts) if any(not noise.node for noise in noises) else {}
     )
     for column, index in zip(columns, indices, strict=True):
-        source = noises[index].source
-        if source == "wheel":
+        source, slow_noise = noises[index].source, noises[index].slow_noise
+        if slow_noise is not None:
+            column[slow_noise.row] = compute_carrier(state, node, slow_noise.carrier)
+        elif source == "wheel":
             column[:] = state.phase_columns[node.name]
         elif source == "clock":
             column[:] = state.delay_columns[node.name]
@@ -115,6 +127,14 @@ def compute_noise_columns(
         else:
             column[("gx", "gy", "gz").index(source)] = 1.0
     return columns
+
+
+def compute_carrier(state: State, node: NodeData, carrier: Carrier) -> Array:
+    """Return a wave of the wheel angle, (N,); a node on the body has the constant one alone."""
+    rolling = state.predictions[node.name].rolling
+    if carrier == "constant" or rolling is None:
+        return np.ones(len(node.t))
+    return np.asarray(np.cos(rolling.angle) if carrier == "cosine" else np.sin(rolling.angle))
 
 
 def _list_bank_walks(state: State) -> Iterator[RandomWalk]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
+from hubodo.arrays import Array
 from hubodo.gap.problem.problem import NodeData, Problem
 from hubodo.gap.state.noise import ChannelNoise, declared_sensor_sigma, estimate_channel_noise
 from hubodo.gap.state.state import State
@@ -16,16 +18,55 @@ from hubodo.vehicle import side_sign
 _MIN_WHEEL_WALK = 1e-10
 
 
+Carrier = Literal["constant", "cosine", "sine"]
+"""Wave of the wheel angle that slow noise modulates: none, or one that turns with the wheel."""
+
+
+@dataclass(frozen=True)
+class SlowNoise:
+    """Noise of one channel that lasts longer than a window: a Gauss-Markov process times a carrier.
+
+    row: index of the channel
+    sigma: 1 sigma of the process, in the unit of the channel
+    correlation_time: s
+    """
+
+    row: int
+    carrier: Carrier
+    sigma: float
+    correlation_time: float
+
+
+@dataclass(frozen=True)
+class NoiseCorrelation:
+    """Correlation of the noise of one node.
+
+    whitening: lower triangular matrices, (6, M, M), that make the noise of each channel white within a window
+        of up to M samples
+    slow_noise: noise that is correlated from window to window, which `whitening` leaves out
+    """
+
+    whitening: Array
+    slow_noise: tuple[SlowNoise, ...] = ()
+
+
 @dataclass(frozen=True)
 class Weights:
     """Weights of residuals.
 
     noise: noise of the channels of each node
     wheel_walks: rad²/s, intensity of the random walk of each wheel's angle
+    correlations: of the nodes whose noise is not white
     """
 
     noise: Mapping[str, ChannelNoise]
     wheel_walks: Mapping[str, float]
+    correlations: Mapping[str, NoiseCorrelation] = field(default_factory=dict)
+
+    @property
+    def is_correlated(self) -> bool:
+        """Return True if the noise of any node is taken as correlated."""
+        return bool(self.correlations)
 
 
 def declared_weights(problem: Problem, walks: Mapping[str, float]) -> Weights:

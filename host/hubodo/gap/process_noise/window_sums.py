@@ -61,6 +61,7 @@ class NodeSegment:
     weight: (6, N), 1/sigma, 0 for excluded samples
     noise_columns: (C, 6, N), change of the channels per unit of each walk that acts on the node
     noise_indices: (C,) positions of these walks
+    whitening: as in `NoiseCorrelation`; None in white noise
     """
 
     edges: NDArray[np.intp]
@@ -70,6 +71,7 @@ class NodeSegment:
     weight: Array
     noise_columns: Array
     noise_indices: Sequence[int]
+    whitening: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -164,6 +166,8 @@ class WindowSums:
                 padded = np.zeros((*is_present.shape, *rows.shape[1:]), np.float32)
                 padded[is_present] = rows
                 rows = padded
+            if segment.whitening is not None:
+                rows = _whiten_rows(rows.reshape(-1, longest, 6, width), segment.whitening)
             yield (
                 windows_of_chunk,
                 rows.reshape(windows_of_chunk.stop - windows_of_chunk.start, 6 * longest, width),
@@ -178,6 +182,18 @@ def _stack_rows(segment: NodeSegment, samples: slice) -> NDArray[np.float32]:
     rows[:, :, count] = segment.z[:, samples].T
     rows[:, :, count + 1 :] = (segment.noise_columns[:, :, samples] * weight).T
     return rows
+
+
+def _whiten_rows(rows: NDArray[np.float32], whitening: Array) -> NDArray[np.float32]:
+    """Return rows, (W, M, 6, P+1+C), whose noise is white within each window.
+
+    Excluded samples are zero before and after. The whitening is linear, so that residual and columns remain
+    consistent where samples are missing.
+    """
+    length = rows.shape[1]
+    is_used = np.asarray(rows.any(axis=3))
+    white = whitening[:, :length, :length].astype(np.float32) @ rows.transpose(0, 2, 1, 3)
+    return np.asarray(white.transpose(0, 2, 1, 3) * is_used[..., None])
 
 
 def _remove_free_walk(

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from hubodo.arrays import Array
 from hubodo.gap.linear.directions import directions_of_terms
@@ -176,17 +177,14 @@ def linearise_fit(
         if linearisation is None
         else linearisation.select_directions(directions)
     )
-    transform = np.zeros(
-        (len(directions) + linearised.n_nuisances + 1, basis.shape[1] + linearised.n_nuisances + 1)
-    )
-    transform[: len(directions), : basis.shape[1]] = basis
-    n_tail = linearised.n_nuisances + 1
-    transform[-n_tail:, -n_tail:] = np.eye(n_tail)
+    transform = block_diag(basis, np.eye(linearised.n_nuisances + 1))
     blocks = np.einsum("dk,bde,ef->bkf", transform, linearised.block_grams.unpack(), transform, optimize=True)
     gram, raw_squares = blocks.sum(axis=0), (transform.T**2 @ linearised.raw_squares)[:-1]
     k = sum(len(term.effect.coordinates()) for term in free_terms)
     samples = evaluation.samples_per_block().sum(axis=1)
-    given_tempering, min_tempering = measure_tempering(blocks, raw_squares, basis.shape[1], samples)
+    given_tempering, min_tempering = measure_tempering(
+        blocks, raw_squares, basis.shape[1], samples, evaluation.weights.is_correlated
+    )
     if baseline is None:
         prior = determine_prior(terms, gram, raw_squares, given_tempering)
     else:

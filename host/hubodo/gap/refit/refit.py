@@ -10,6 +10,7 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.gap.linear.directions import move_terms
 from hubodo.gap.process_noise.evaluation import Evaluation
+from hubodo.gap.process_noise.noise_correlation import correlate_noise
 from hubodo.gap.process_noise.tracking import estimate_weights, track_wheel_phase
 from hubodo.gap.process_noise.weights import weights_from_residuals
 from hubodo.gap.refit.linear_fit import Refit, linearise_fit
@@ -108,13 +109,17 @@ def refit_with_weights(state: State) -> Refit:
     An effect that explains a wheel's rotation reduces the random walk that the wheel needs.
     """
     tracked, _walks = track_wheel_phase(state)
-    fit = fit_tracked(Evaluation(tracked, estimate_weights(tracked)))
+    fit = fit_tracked(_with_correlation(Evaluation(tracked, estimate_weights(tracked))))
     for _ in range(_MAX_WEIGHT_UPDATES):
         tracked, walks = track_wheel_phase(fit.state)
         if all(walks[name] > 0.5 * walk for name, walk in fit.evaluation.weights.wheel_walks.items()):
             break
-        fit = fit_tracked(Evaluation(tracked, weights_from_residuals(tracked, walks)))
+        fit = fit_tracked(_with_correlation(Evaluation(tracked, weights_from_residuals(tracked, walks))))
     return fit
+
+
+def _with_correlation(evaluation: Evaluation) -> Evaluation:
+    return correlate_noise(evaluation) if evaluation.state.has_correlated_noise else evaluation
 
 
 def _apply_step(fit: Refit, step: Array) -> State:

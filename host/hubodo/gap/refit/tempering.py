@@ -33,14 +33,17 @@ def compute_tempering(robust_covariance: Array, covariance: Array, n_blocks: int
     return max(1.0, float(ratio * degrees_of_freedom / chdtri(degrees_of_freedom, _CHANCE_SCATTER_P_VALUE)))
 
 
-def measure_tempering(blocks: Array, raw_squares: Array, count: int, samples: Array) -> tuple[float, float]:
+def measure_tempering(
+    blocks: Array, raw_squares: Array, count: int, samples: Array, is_whitened: bool = False
+) -> tuple[float, float]:
     """Return the tempering of the first `count` coordinates, without a prior, and its lower bound.
 
     blocks: (B, P+1, P+1) gram matrices of free terms, given effects, nuisances and the residual
     samples: (B,) readings in each block
+    is_whitened: True if the weights contain the correlation of the noise
 
-    The lower bound is that of noise whose level is uneven. The few blocks of a short drive may show no
-    correlation, while the mean of such noise imitates effects as on a long one.
+    The lower bound is that of noise whose level is uneven, under white weights. The few blocks of a short
+    drive may show no correlation, while the mean of such noise imitates effects as on a long one.
     """
     gram = blocks.sum(axis=0)
     covariance = invert_information(gram[:-1, :-1], raw_squares)
@@ -50,7 +53,7 @@ def measure_tempering(blocks: Array, raw_squares: Array, count: int, samples: Ar
     inside = np.s_[:count, :count]
     tempering = compute_tempering(robust_covariance[inside], covariance[inside], len(blocks))
     squares = blocks[:, -1, -1] - (blocks[:, :-1, -1] + score) @ step
-    lower_bound = _MIN_UNEVEN_TEMPERING if _is_uneven(squares, samples) else 1.0
+    lower_bound = _MIN_UNEVEN_TEMPERING if not is_whitened and _is_uneven(squares, samples) else 1.0
     return max(tempering, lower_bound), lower_bound
 
 

@@ -42,6 +42,7 @@ class State:
         angle integrated from that speed as it was measured, before any correction
     has_steady_wheels: True if a trend of a wheel's phase is treated as an error of the model, not as random
         walk
+    has_correlated_noise: True if weights are estimated with the correlation of the noise
     """
 
     problem: Problem
@@ -51,6 +52,7 @@ class State:
     stamp_delays: Mapping[str, Array] = field(default_factory=dict)
     measured_offsets: Mapping[str, Array] = field(default_factory=dict)
     has_steady_wheels: bool = False
+    has_correlated_noise: bool = False
 
     def with_terms(self, terms: Sequence[ModelTerm]) -> State:
         return replace(self, terms=tuple(terms))

@@ -26,7 +26,7 @@ def test_an_effect_is_contested_by_one_that_fits_as_well_and_only_fails_on_held_
 
 
 def test_a_formula_without_a_name_is_one_of_several_that_fit():
-    state = SimpleNamespace(terms=(), problem=SimpleNamespace(nodes=()))
+    state = SimpleNamespace(terms=(), problem=SimpleNamespace(nodes=()), has_correlated_noise=False)
     result = SimpleNamespace(
         final=SimpleNamespace(state=state, min_tempering=1.0), rounds=[SimpleNamespace(tempering=1.0)]
     )
@@ -36,7 +36,7 @@ def test_a_formula_without_a_name_is_one_of_several_that_fit():
 
 
 def test_an_effect_at_its_plausible_limit_may_be_another_one():
-    state = SimpleNamespace(terms=(), problem=SimpleNamespace(nodes=()))
+    state = SimpleNamespace(terms=(), problem=SimpleNamespace(nodes=()), has_correlated_noise=False)
     result = SimpleNamespace(
         final=SimpleNamespace(state=state, min_tempering=1.0), rounds=[SimpleNamespace(tempering=1.0)]
     )
@@ -61,7 +61,12 @@ def test_a_short_log_of_uneven_noise_confirms_no_effect_below_its_level(
 
 @pytest.mark.parametrize(
     ("surprise", "tempering", "held_out", "expected"),
-    [(1.0, 8.0, True, True), (9.0, 8.0, True, False), (1.0, 1.5, True, False), (0.0, 8.0, False, False)],
+    [
+        (1.0, 8.0, True, True),
+        (9.0, 8.0, True, False),
+        (1.0, 1.5, True, False),
+        (0.0, 8.0, False, False),
+    ],
 )
 def test_an_effect_on_which_the_parts_of_a_correlated_log_disagree_may_be_another_one(
     surprise, tempering, held_out, expected
@@ -69,7 +74,7 @@ def test_an_effect_on_which_the_parts_of_a_correlated_log_disagree_may_be_anothe
     gain = HeldOutGain(2000.0, 40.0, 3000.0) if held_out else None
     term = ModelTerm(BY_NAME["gyro_warmup"](), "right")
     own = Hypothesis(term, 2500.0, 130.0, 1.0, held_out_gain=gain, surprise=surprise)
-    state = SimpleNamespace(terms=(), problem=SimpleNamespace(nodes=()))
+    state = SimpleNamespace(terms=(), problem=SimpleNamespace(nodes=()), has_correlated_noise=False)
     final = SimpleNamespace(state=state, min_tempering=1.0)
     result = SimpleNamespace(final=final, rounds=[SimpleNamespace(tempering=tempering)])
     assert is_doubted(term, own, [own], {}, result, {}) == expected
@@ -83,3 +88,12 @@ def test_a_drift_without_a_known_time_constant_may_be_another_one():
     # The time constant of a lag is its size.
     assert not _is_shapeless({"time_constant": Estimate(2e-3, 1e-3, "s")})
     assert not _is_shapeless(amplitude)
+
+
+def test_weights_with_the_correlation_of_the_noise_show_that_it_is_correlated():
+    gain = HeldOutGain(2000.0, 40.0, 3000.0)
+    own = Hypothesis(ModelTerm(BY_NAME["gyro_warmup"](), "right"), 2500.0, 130.0, 1.0, held_out_gain=gain)
+    state = SimpleNamespace(terms=(), problem=SimpleNamespace(nodes=()), has_correlated_noise=True)
+    final = SimpleNamespace(state=state, min_tempering=1.0)
+    result = SimpleNamespace(final=final, rounds=[SimpleNamespace(tempering=1.0)])
+    assert is_doubted(own.term, own, [own], {}, result, {})

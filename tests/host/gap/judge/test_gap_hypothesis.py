@@ -1,9 +1,12 @@
 """Hypotheses of a search round."""
 
+from types import SimpleNamespace
+
 import numpy as np
 
 from hubodo.effects import BY_NAME
-from hubodo.gap.judge.hypothesis import Hypothesis
+from hubodo.gap.judge.hypothesis import Baseline, Hypothesis, judge_proposal
+from hubodo.gap.scatter import Proposal
 from hubodo.gap.screen.null_distribution import NullDistribution
 from hubodo.gap.state.terms import ModelTerm
 
@@ -20,3 +23,26 @@ def test_a_copy_without_tracking_keeps_the_terms_and_drops_the_phase_offsets(eva
     untracked = Hypothesis(term, 1.0, 1.0, 0.5, evaluation.state).without_tracking()
     assert untracked.state.terms == evaluation.state.terms
     assert not untracked.state.phase_offsets and evaluation.state.phase_offsets
+
+
+def build_baseline(is_correlated, tempering):
+    """Return a fake of a baseline without effects, under white weights or such with correlation."""
+    weights = SimpleNamespace(is_correlated=is_correlated)
+    return Baseline(SimpleNamespace(evaluation=SimpleNamespace(weights=weights)), 0.0, tempering)
+
+
+def test_weights_with_correlation_demand_a_gain_at_any_tempering():
+    white, whitened = (build_baseline(is_correlated, 1.2) for is_correlated in (False, True))
+    assert white.chance_gain() == 0.0
+    assert whitened.chance_gain() == whitened.chance_gain(16.0) == 30.0 * 1.2
+
+
+def test_a_bank_has_to_gain_more_than_slow_noise_of_the_accelerometers():
+    """White weights leave slow noise to the tempering."""
+    bank = ModelTerm(BY_NAME["road_bank"](sigma=0.01, length=80.0), "vehicle")
+    proposal = Proposal(bank, 40.0, 35.0, {}, "")
+    assert judge_proposal(build_baseline(True, 1.0), proposal, None).objection
+    assert not judge_proposal(build_baseline(False, 1.0), proposal, None).objection
+    assert not judge_proposal(build_baseline(True, 0.8), proposal, None).objection
+    outliers = Proposal(ModelTerm(BY_NAME["outliers"](), "left"), 40.0, 35.0, {}, "")
+    assert not judge_proposal(build_baseline(True, 1.0), outliers, None).objection

@@ -17,7 +17,7 @@ def test_an_effect_that_was_judged_beside_all_others_is_not_judged_again(monkeyp
     rounds = tuple(
         SimpleNamespace(
             best=SimpleNamespace(key=term.key, term=term),
-            evaluation=SimpleNamespace(state=SimpleNamespace(terms=terms)),
+            evaluation=SimpleNamespace(state=SimpleNamespace(terms=terms, has_correlated_noise=False)),
             find_hypothesis=lambda key: None,
         )
         for term, terms in ((first, ()), (last, (first,)))
@@ -30,7 +30,7 @@ def test_an_effect_that_was_judged_beside_all_others_is_not_judged_again(monkeyp
         return judged[term.key]
 
     monkeypatch.setattr(reconsider._Reconsideration, "_judge_without", judge_without)
-    final = SimpleNamespace(state=SimpleNamespace(terms=(first, last)))
+    final = SimpleNamespace(state=SimpleNamespace(terms=(first, last), has_correlated_noise=False))
     result = reconsider.SearchResult(rounds, final)
     assert reconsider.reconsider_effects(result, accept) == (result, judged)
     assert calls == [first, last][:n_judged]

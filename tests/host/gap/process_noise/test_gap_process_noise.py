@@ -20,7 +20,7 @@ from hubodo.gap.process_noise.process_noise import (
     shared_walk_covariance,
 )
 from hubodo.gap.process_noise.segments import window_grid
-from hubodo.gap.process_noise.weights import declared_wheel_walk
+from hubodo.gap.process_noise.weights import Weights, declared_wheel_walk
 from hubodo.gap.state.state import stack_channels
 from hubodo.log.csv_folder import read_folder, write_folder
 from hubodo.model.forward import NodeInitialState, NodeModel
@@ -97,7 +97,7 @@ def test_the_phase_steps_of_both_wheels_share_the_noise_of_the_speed_input(tmp_p
     problem = build_problem(read_folder(tmp_path), read_model(tmp_path / "model.toml"))
     assert problem.speed_noise == setup.speed_noise
     walks = {node.name: declared_wheel_walk(problem, node) for node in problem.nodes}
-    noise_states = list_process_noise(build_initial_state(problem), walks)
+    noise_states = list_process_noise(build_initial_state(problem), Weights({}, walks))
     own_covariance = np.diag([0.0 if it.walk.is_white else it.walk.intensity for it in noise_states])
     shared_covariance = shared_walk_covariance(problem, noise_states)
     wheels = np.flatnonzero(shared_covariance.any(axis=0))
@@ -117,7 +117,7 @@ def test_the_column_of_a_yaw_rate_offset_is_the_change_of_the_readings(problem):
     changed = replace(problem, yaw_rate_offset_sigma=0.01)
     state = build_initial_state(changed)
     walks = {node.name: declared_wheel_walk(changed, node) for node in changed.nodes if node.on_wheel}
-    noises = list_process_noise(state, walks)
+    noises = list_process_noise(state, Weights({}, walks))
     (index,) = [k for k, noise in enumerate(noises) if noise.source == "yaw rate offset"]
     assert noises[index].walk.start_variance == pytest.approx(0.01**2)
     grid = window_grid(changed)

@@ -47,11 +47,16 @@ def test_a_nuisance_that_is_nearly_collinear_with_an_effect_does_not_imitate_cor
     assert scores[:, 0] @ scores[:, 0] * covariance[0, 0] > 1000.0
 
 
-@pytest.mark.parametrize(("unevenness", "expected"), [(0.0, 1.0), (0.3, 3.5)])
+@pytest.mark.parametrize(
+    ("unevenness", "is_whitened", "expected"), [(0.0, False, 1.0), (0.3, False, 3.5), (0.3, True, 1.0)]
+)
 def test_noise_of_uneven_level_is_tempered_though_scores_of_few_blocks_show_no_correlation(
-    unevenness, expected
+    unevenness, is_whitened, expected
 ):
-    """Residuals are independent of the column; their level differs between the folds."""
+    """Residuals are independent of the column; their level differs between the folds.
+
+    Weights with the correlation of the noise leave none that the blocks could miss.
+    """
     rng, n_blocks, n_samples = np.random.default_rng(4), 18, 500
     level = 1.0 + unevenness * (np.arange(n_blocks) // 3 % 2)
     column = np.ones((n_blocks, n_samples))
@@ -59,7 +64,7 @@ def test_noise_of_uneven_level_is_tempered_though_scores_of_few_blocks_show_no_c
     rows = np.stack([column, residual], axis=1)
     blocks = rows @ rows.transpose(0, 2, 1)
     raw_squares, samples = np.array([float(n_blocks * n_samples)]), np.full(n_blocks, float(n_samples))
-    tempering, lower_bound = measure_tempering(blocks, raw_squares, 1, samples)
+    tempering, lower_bound = measure_tempering(blocks, raw_squares, 1, samples, is_whitened)
     assert lower_bound == expected and expected <= tempering < expected + 1.0, "seed 4"
 
 

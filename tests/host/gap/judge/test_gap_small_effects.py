@@ -1,0 +1,61 @@
+"""Small effects: named under weights with the correlation of the noise, and only if they explain the log."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from coloured_noise import with_coloured_noise
+from hubodo.gap.judge.round import judge_round
+from hubodo.gap.judge.search import build_initial_state, search_effects
+from hubodo.gap.judge.small_effects import search_small_effects
+from hubodo.gap.refit.refit import refit_with_weights
+
+SEED = 5
+# Bias of the accelerometers along and across a spoke, in sigma of the noise.
+SMALL_BIAS = np.array([0.0, 0.0, 0.0, 0.018, 0.012, 0.0])[:, None]
+
+
+def search(evaluation, added):
+    """Return the result with white weights, and the one with small effects."""
+    state = with_coloured_noise(
+        evaluation, np.random.default_rng(SEED), slow_ratio=0.0, added={"left": added}
+    )
+    white = search_effects(build_initial_state(state.problem))
+    return white, search_small_effects(white)
+
+
+def list_names(result):
+    return [term.key for term in result.final.state.terms if term.is_fitted]
+
+
+def test_a_search_in_white_noise_is_complete(evaluation):
+    white = search_effects(evaluation.state)
+    assert search_small_effects(white) is white
+
+
+def test_a_small_bias_is_named_in_coloured_noise(long_evaluation):
+    white, small = search(long_evaluation, SMALL_BIAS)
+    best = small.rounds[-2].best
+    print(list_names(white), list_names(small), best and (best.gain, best.surprise))
+    assert not list_names(white)
+    assert list_names(small) == [("accel_bias", "left")]
+
+
+def test_coloured_noise_alone_is_no_small_effect(long_evaluation):
+    white, small = search(long_evaluation, 0.0)
+    assert not list_names(white) and not list_names(small)
+
+
+def test_structure_that_no_effect_explains_is_not_named(long_evaluation):
+    """Waves of the wheel angle in all axes resemble several effects, and no few of them explain the log."""
+    rolling = long_evaluation.state.predictions["left"].rolling
+    spin = np.abs(rolling.spin) / np.abs(rolling.spin).max()
+    waves = [
+        spin**k * np.cos(m * rolling.angle + k) for k, m in ((3, 1), (2, 1), (3, 2), (1, 1), (2, 2), (3, 3))
+    ]
+    white, small = search(long_evaluation, 0.25 * np.stack(waves))
+    correlated = refit_with_weights(replace(white.final.state, has_correlated_noise=True))
+    best = judge_round(correlated.evaluation).best
+    print(list_names(white), best and (best.key, best.gain))
+    assert best is not None
+    assert small is white
