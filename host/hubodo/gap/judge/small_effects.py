@@ -17,8 +17,9 @@ from hubodo.gap.judge.round import Round
 from hubodo.gap.judge.search import SearchObserver, SearchResult, is_worse
 from hubodo.gap.refit.refit import refit_with_weights
 
-# Largest number of small effects; more of them are parts of an unknown structure.
-_MAX_SMALL_EFFECTS = 2
+# Largest number of small effects; more of them are parts of an unknown structure. A model that lacked more
+# effects than this is not known well enough for small ones.
+_MAX_SMALL_EFFECTS, _MAX_LARGE_EFFECTS = 2, 4
 # Fraction of the reported progress at which this step starts.
 _PROGRESS_START = 0.7
 
@@ -31,8 +32,9 @@ def search_small_effects(
     reject: effects not considered
     """
     observer = observer or SearchObserver()
-    if any(term.effect.name.startswith(PREFIX) for term in result.final.state.terms):
-        # A structure without a name is there already.
+    added = [term for term in result.final.state.terms if term.is_fitted]
+    if len(added) > _MAX_LARGE_EFFECTS or any(term.effect.name.startswith(PREFIX) for term in added):
+        # An unnamed term is a structure that no effect explains.
         return result
     state = replace(result.final.state, has_correlated_noise=True)
     fit = refit_with_weights(state).without_cache()

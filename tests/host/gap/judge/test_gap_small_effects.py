@@ -1,14 +1,18 @@
 """Small effects: named under weights with the correlation of the noise, and only if they explain the log."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from coloured_noise import with_coloured_noise
+from hubodo.effects import effect_of
 from hubodo.gap.judge.round import judge_round
 from hubodo.gap.judge.search import build_initial_state, search_effects
 from hubodo.gap.judge.small_effects import search_small_effects
 from hubodo.gap.refit.refit import refit_with_weights
+from hubodo.gap.state.terms import ModelTerm
 
 SEED = 5
 # Bias of the accelerometers along and across a spoke, in sigma of the noise.
@@ -59,3 +63,10 @@ def test_structure_that_no_effect_explains_is_not_named(long_evaluation):
     print(list_names(white), best and (best.key, best.gain))
     assert best is not None
     assert small is white
+
+
+@pytest.mark.parametrize("names", [["empirical:gx ~ spin^2"], ["gyro_bias", "accel_bias", "lever_arm"] * 2])
+def test_a_model_with_structure_or_many_effects_is_not_searched_for_small_ones(names):
+    terms = tuple(ModelTerm(effect_of(name)(), "left", is_fitted=True) for name in names)
+    result = SimpleNamespace(final=SimpleNamespace(state=SimpleNamespace(terms=terms)))
+    assert search_small_effects(result) is result
