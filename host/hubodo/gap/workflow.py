@@ -78,8 +78,8 @@ def find_problem_gap(
     results = list[SearchResult]()
     observer = SearchObserver(journal or Journal(), report_progress, results.append)
     try:
-        searched = search_effects(initial_state, accept, reject, observer)
-        results.append(search_small_effects(searched, reject, observer))
+        results.append(search_effects(initial_state, accept, reject, observer))
+        results.append(search_small_effects(results[-1], reject, observer))
         result, rounds = reconsider_effects(results[-1], accept, reject, observer)
         result, rounds = drop_chance_effects(result, rounds, accept)
         # What is measured and written has the given effects as they are in the model file.
