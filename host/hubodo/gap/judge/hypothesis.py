@@ -36,8 +36,8 @@ _MIN_LEVEL_SIGMAS, _MIN_LEVEL_SIGMAS_UNNAMED, _TRIAD_SIZE = 0.45, 1.3, 3
 # likelihood, tempered: the mean of a real sensor's noise, which differs with the spin, imitates effects.
 MIN_CORRELATED_GAIN, MIN_CORRELATED_TEMPERING = 45.0, 3.0
 # The same under weights with the correlation of the noise, whatever the tempering. An effect also needs this
-# -ln probability by the jackknife there, which the largest of 60 candidates in noise exceeds once in 200, and
-# this many sigma of its gain on held-out samples.
+# -ln probability by the jackknife there, nominally that of the largest of 60 candidates in one of 200 logs,
+# and this many sigma of its gain on held-out samples.
 _MIN_WHITENED_GAIN, _MIN_WHITENED_SURPRISE, _MIN_WHITENED_Z = 30.0, 9.5, 8.0
 # -ln probability, by the jackknife, up to which that gain is demanded in full, and from which on it is not:
 # in the noise of real drives without an effect, the most surprising of 60 candidates has a median of 7 nats.
@@ -50,7 +50,7 @@ _MIN_PLAUSIBLE_SHARE = 0.5
 _OBJECTION_EVIDENCE = -50.0
 UNHELPFUL = "does not help on samples to which it was not fitted"
 DOUBTFUL_LEVEL = "gains no more on held-out samples than the level of the noise leaves in doubt"
-INCONSISTENT = "differs between parts of the log as noise does"
+_INCONSISTENT = "differs between parts of the log as noise does"
 _DOUBTFUL_CORRELATION = "gains no more than the correlation of the residuals leaves in doubt"
 
 
@@ -75,8 +75,7 @@ class Baseline:
     def chance_gain(self, surprise: float = 0.0) -> float:
         """Return the gain on held-out samples that correlated residuals produce by chance.
 
-        surprise: -ln of the probability of the estimate without the effect, by the jackknife; white weights
-            demand less of a large one
+        surprise: as in `chance_gain`; only white weights demand less of a large one
         """
         if self.is_whitened:
             return _MIN_WHITENED_GAIN * self.tempering
@@ -211,7 +210,7 @@ def _weigh_objections(
         return hypothesis.with_objection(UNHELPFUL)
     is_steady = surprise >= _MIN_WHITENED_SURPRISE and held_out_gain.z >= _MIN_WHITENED_Z
     if baseline.is_whitened and not is_steady:
-        return hypothesis.with_objection(INCONSISTENT)
+        return hypothesis.with_objection(_INCONSISTENT)
     demanded = held_out_gain
     if not term.effect.name.startswith(PREFIX):
         # An effect may take over what differences of the given ones explain without it.
@@ -280,18 +279,14 @@ def compute_surprise(fit: Refit, key: tuple[str, str]) -> float:
 
 
 def chance_gain(tempering: float, surprise: float = 0.0) -> float:
-    """Return that gain under white weights."""
-    return (
-        MIN_CORRELATED_GAIN * tempering * _chance_share(surprise)
-        if tempering > MIN_CORRELATED_TEMPERING
-        else 0.0
-    )
+    """Return the gain on held-out samples that correlated residuals produce by chance under white weights.
 
-
-def _chance_share(surprise: float) -> float:
-    """Return the share of the gain by chance that is demanded of an estimate with some surprise."""
+    surprise: -ln of the probability of the estimate without the effect, by the jackknife
+    """
+    if tempering <= MIN_CORRELATED_TEMPERING:
+        return 0.0
     share = (_CERTAIN_SURPRISE - surprise) / (_CERTAIN_SURPRISE - _CHANCE_SURPRISE)
-    return min(max(share, 0.0), 1.0)
+    return MIN_CORRELATED_GAIN * tempering * min(max(share, 0.0), 1.0)
 
 
 def _limit_gain(gain: float, promised: float) -> float:

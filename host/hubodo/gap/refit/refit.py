@@ -119,6 +119,7 @@ def refit_with_weights(state: State) -> Refit:
 
 
 def _with_correlation(evaluation: Evaluation) -> Evaluation:
+    """Return an evaluation under weights with the correlation of the noise, if its state asks for that."""
     return correlate_noise(evaluation) if evaluation.state.has_correlated_noise else evaluation
 
 
