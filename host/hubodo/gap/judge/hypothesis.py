@@ -172,14 +172,18 @@ def judge_effect(baseline: Baseline, screened: ScreenedCandidate, after: Refit) 
 def judge_proposal(baseline: Baseline, proposal: Proposal, walk_refit: Refit | None) -> Hypothesis:
     """Judge a proposal of a scatter detector.
 
-    A random walk is judged by its refit like other effects, with free wheel angles. The bank of a road
-    follows any slow noise of the accelerometers across, so that it must gain more than that does.
+    A random walk is judged by its refit like other effects, with free wheel angles, and must gain what is
+    demanded of a drift on which the parts of the log disagree. The bank of a road follows any slow noise of
+    the accelerometers across, so that it must gain more than that does.
     """
     gain = proposal.gain if walk_refit is None else compute_gain(baseline.fit, walk_refit)
-    evidence = gain / baseline.tempering - (proposal.gain - proposal.evidence)
+    tempering = 1.0 if proposal.is_exact else baseline.tempering
+    evidence = gain / tempering - (proposal.gain - proposal.evidence)
     hypothesis = Hypothesis(proposal.term, gain, evidence, 0.0, None, proposal)
     is_bank = proposal.term.effect.bank_process()[0] > 0.0
     if baseline.is_whitened and is_bank and gain < MIN_CORRELATED_GAIN * baseline.tempering:
+        return hypothesis.with_objection(_DOUBTFUL_CORRELATION)
+    if walk_refit is not None and not is_bank and gain < baseline.chance_gain():
         return hypothesis.with_objection(_DOUBTFUL_CORRELATION)
     return hypothesis
 

@@ -36,7 +36,7 @@ from hubodo.model.model_file import Model
 from hubodo.model.model_text import model_toml
 from hubodo.recording import Recording
 
-_JOURNAL_VERSION = 4
+_JOURNAL_VERSION = 5
 
 
 class Journal:
@@ -153,7 +153,7 @@ def _hypothesis_to_json(hypothesis: Hypothesis) -> dict[str, Any]:
         "objection": hypothesis.objection,
         "proposal": None
         if proposal is None
-        else [proposal.gain, proposal.evidence, dict(proposal.sigmas), proposal.where],
+        else [proposal.gain, proposal.evidence, dict(proposal.sigmas), proposal.where, proposal.is_exact],
     }
 
 

@@ -45,6 +45,8 @@ _HOPELESS_DEVIANCE = 100.0
 _MAX_UNNAMED_REFITS, _MIN_UNNAMED_SHARE, _MIN_UNNAMED_EVIDENCE = 2, 0.25, 3.0
 # ln Bayes factor for independent samples, from which on an effect is added provisionally.
 _PROVISIONAL_EVIDENCE = 20.0
+# Ratio of the gain of a random walk to that of the best steady effect, from which on it is the better model.
+_MIN_WALK_ADVANTAGE = 2.0
 # Fractions of a round's progress after screening, refits, and comparison under common weights.
 _PROGRESS_SCREENED, _PROGRESS_FITTED, _PROGRESS_COMPARED = 0.15, 0.6, 0.9
 
@@ -86,13 +88,15 @@ class Round:
         """Return the hypothesis to add provisionally, or None.
 
         If several effects are missing, residuals stay correlated whichever is fitted, and tempering hides
-        every gain. Returned is the hypothesis that would be added if the residuals were white.
+        every gain. Returned is the hypothesis that would be added if the residuals were white, unless it is a
+        random walk, which would take over what several others explain.
         """
         if self.best is not None or not self.hypotheses:
             return None
         first = self.hypotheses[0]
         untempered_evidence = first.evidence + first.gain * (1.0 - 1.0 / self.tempering)
-        is_named = not first.term.effect.name.startswith(PREFIX)
+        is_walk = first.term.effect.random_walk_variance_rate() > 0.0
+        is_named = not first.term.effect.name.startswith(PREFIX) and not is_walk
         return (
             first
             if is_named and first.evidence > 0.0 and untempered_evidence > _PROVISIONAL_EVIDENCE
@@ -143,8 +147,8 @@ def judge_round(
     best_gain = max([compute_gain(before, item) for item in [*refits, *walk_refits.values()]], default=0.0)
     unnamed = [] if EMPIRICAL in reject else _select_unnamed_terms(before, best_gain)
     unnamed_refits = [_refit_with(before, item, rounds=1) for item in unnamed]
-    all_refits = [*refits, *walk_refits.values(), *unnamed_refits]
-    tempering = _choose_tempering(selected, refits, all_refits)
+    steady = _list_steady(selected, refits)
+    tempering = _choose_tempering(before, steady, list(walk_refits.values()), [*refits, *unnamed_refits])
     baseline = Baseline(before, compute_added_gain(before), tempering)
     hypotheses = [judge_effect(baseline, item, fit) for item, fit in zip(selected, refits, strict=True)]
     hypotheses += [judge_proposal(baseline, item, walk_refits.get(item.term.key)) for item in proposals]
@@ -158,20 +162,31 @@ def judge_round(
     return Round(before.evaluation.without_cache(), stored, nothing, tuple(screened), null, tempering)
 
 
-def _choose_tempering(
-    selected: Sequence[ScreenedCandidate], refits: Sequence[Refit], all_refits: Sequence[Refit]
-) -> float:
-    """Return by how much correlation inflates the gains, from the block scores of the best fit.
-
-    Effects whose estimates from parts of the log agree come first: a drift that gains a little more in
-    correlated residuals says nothing about them.
-    """
-    consistent = [
+def _list_steady(selected: Sequence[ScreenedCandidate], refits: Sequence[Refit]) -> list[Refit]:
+    """Return the fits of effects whose estimates from parts of the log agree."""
+    return [
         fit
         for item, fit in zip(selected, refits, strict=True)
         if compute_surprise(fit, item.candidate.term.key) >= CONSISTENT_SURPRISE
     ]
-    return min(consistent or all_refits, key=lambda fit: fit.deviance).tempering if all_refits else 1.0
+
+
+def _choose_tempering(
+    before: Refit, steady: Sequence[Refit], walks: Sequence[Refit], others: Sequence[Refit]
+) -> float:
+    """Return by how much correlation inflates the gains, from the block scores of the best fit.
+
+    steady, walks: fits of effects on which the parts of the log agree, and of random walks
+
+    Steady effects come first: a drift that gains a little more in correlated residuals says nothing about
+    them. If a random walk gains more than twice as much, it is they that follow a part of the drift.
+    """
+    if not (steady or walks or others):
+        return 1.0
+    best = min(steady or [*walks, *others], key=lambda fit: fit.deviance)
+    walk = min(walks, key=lambda fit: fit.deviance, default=best)
+    is_walk = compute_gain(before, walk) > _MIN_WALK_ADVANTAGE * compute_gain(before, best)
+    return (walk if is_walk else best).tempering
 
 
 def _refit_with_common_weights(before: Refit, refits: Sequence[Refit]) -> tuple[Refit, list[Refit]]:

@@ -22,6 +22,7 @@ class Proposal:
     evidence: ln Bayes factor
     sigmas: 1 sigma of the parameters of the effect
     where: the observation as text
+    is_exact: True if equal readings show the effect, which correlation of the residuals does not imitate
     """
 
     term: ModelTerm
@@ -29,6 +30,7 @@ class Proposal:
     evidence: float
     sigmas: Mapping[str, float]
     where: str
+    is_exact: bool = False
 
 
 ScatterDetector = Callable[[Sequence[Residual]], list[Proposal]]

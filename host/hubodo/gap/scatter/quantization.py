@@ -8,34 +8,43 @@ import numpy as np
 
 from hubodo.effects import BY_NAME
 from hubodo.gap.process_noise.residual import Residual
-from hubodo.gap.scatter.base import Proposal, group_by_scope, parameter_cost
-from hubodo.gap.state.terms import ModelTerm
+from hubodo.gap.scatter.base import Proposal, parameter_cost
+from hubodo.gap.state.terms import ALL, ModelTerm
 
 EFFECT_NAME = "gyro_quantization"
-# Largest ratio of undeclared noise variance to rounding variance.
-_MAX_EXCESS_RATIO = 10.0
+# Relative difference up to which two steps are those of the same lattice.
+_MAX_STEP_DIFFERENCE = 1e-3
+_MIN_DETECTION_GAIN = 3.0
+# Shares of the declared variance of the sensor, and of that of the residual on the whole log, from which on
+# rounding matters; each sensor rounds a little, which shows at standstill.
+_MIN_DECLARED_SHARE, _MIN_RESIDUAL_SHARE = 0.02, 0.01
+# Smallest credible noise before rounding, as a share of the rounding variance.
+_MIN_UNROUNDED_SHARE = 0.1
 
 
 def detect_quantization(residuals: Sequence[Residual]) -> list[Proposal]:
-    """Detect quantization: the step is that of the lattice, the gain that of the added variance."""
+    """Detect quantization: the step is that of the lattice, the gain that of the added variance.
+
+    Nodes on the same lattice have the same effect, even where the noise of one of them hides it.
+    """
     steps = {
         residual.node.name: find_lattice_step(residual)
         for residual in residuals
         if BY_NAME[EFFECT_NAME] not in residual.effects
     }
+    members = [residual for residual in residuals if steps.get(residual.node.name)]
+    values = [steps[residual.node.name] for residual in members]
+    is_common = len(members) == len(residuals) > 1 and np.ptp(values) < _MAX_STEP_DIFFERENCE * values[0]
+    groups = [(ALL, members)] if is_common else [(one.node.name, [one]) for one in members]
     proposals = []
-    for scope, members in group_by_scope(
-        [residual for residual in residuals if steps.get(residual.node.name)]
-    ):
-        member_steps = [steps[residual.node.name] for residual in members]
-        if np.ptp(member_steps) > 1e-3 * member_steps[0]:
-            continue
-        step = float(np.mean(member_steps))
-        gain = sum(_rounding_gain(residual, step) for residual in members)
-        if gain > 3.0:
+    for scope, group in groups:
+        step = float(np.mean([steps[residual.node.name] for residual in group]))
+        gain = sum(_rounding_gain(residual, step) for residual in group)
+        if gain > _MIN_DETECTION_GAIN:
             term = ModelTerm(BY_NAME[EFFECT_NAME](step=step), scope)  # type: ignore[call-arg]
             where = f"gyro readings are whole multiples of {step:.4g} rad/s, coarse beside the noise"
-            proposals.append(Proposal(term, gain, gain - parameter_cost(1e4), {"step": 1e-5 * step}, where))
+            evidence = gain - parameter_cost(1e4)
+            proposals.append(Proposal(term, gain, evidence, {"step": 1e-5 * step}, where, is_exact=True))
     return proposals
 
 
@@ -65,28 +74,20 @@ def find_lattice_step(residual: Residual) -> float:
 
 
 def _rounding_gain(residual: Residual, step: float) -> float:
-    """Return ln likelihood with the rounding variance, step²/12, minus that with the declared noise alone.
+    """Return the expected gain of ln likelihood of noise with the rounding variance, step²/12, over without.
 
-    The existence of the lattice is certain; the test is whether it affects the readings. If the noise exceeds
-    its declaration for other reasons, the gain is limited to what the step can explain, and is 0 where other
-    reasons dominate.
+    The lattice itself is certain, and would gain far more; the test is whether it affects the readings. The
+    noise before rounding is that of each group less the rounding.
     """
-    total, expected = 0.0, 0.0
+    rounding = step**2 / 12.0
+    if rounding < _MIN_DECLARED_SHARE * float(np.mean(residual.sensor_sigma[:3] ** 2)):
+        return 0.0
+    variances = []
     for row in np.flatnonzero(residual.node.used[:3]):
         is_used = residual.noise.is_new & ~residual.node.is_saturated[row]
-        declared = residual.declared_channel_sigma(row)[is_used] ** 2
-        if (
-            np.mean(residual.noise.channel_sigma(row)[is_used] ** 2 - declared)
-            > _MAX_EXCESS_RATIO * step**2 / 12.0
-        ):
-            return 0.0
-        rounded = declared + step**2 / 12.0
-        squared = residual.value[row][is_used] ** 2
-        # Outliers are left out, as they are a different effect.
-        is_regular = squared < 16.0 * rounded
-        total += 0.5 * float(
-            np.sum((squared / declared - squared / rounded - np.log(rounded / declared))[is_regular])
-        )
-        share = step**2 / 12.0 / declared
-        expected += 0.5 * float(np.sum(share - np.log1p(share)))
-    return min(total, 1.5 * expected)
+        variances.append(residual.noise.channel_sigma(row)[is_used] ** 2)
+    variance = np.concatenate(variances) if variances else np.zeros(0)
+    if rounding < _MIN_RESIDUAL_SHARE * np.mean(variance):
+        return 0.0
+    share = rounding / np.maximum(variance - rounding, _MIN_UNROUNDED_SHARE * rounding)
+    return 0.5 * float(np.sum(share - np.log1p(share)))

@@ -2,139 +2,168 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.effects import BY_NAME
 from hubodo.gap.process_noise.residual import Residual
-from hubodo.gap.process_noise.wheel_phase import WINDOW_DURATION, window_boundaries
-from hubodo.gap.process_noise.window_sums import winsorise
+from hubodo.gap.process_noise.wheel_phase import WINDOW_DURATION
 from hubodo.gap.scatter.base import Proposal, group_by_scope, parameter_cost
+from hubodo.gap.scatter.window_means import AxisMeans, compute_window_means
 from hubodo.gap.state.terms import ModelTerm
 
 EFFECT_NAME = "gyro_rate_random_walk"
 _K_GRID, _FINE_GRID_SIZE = np.geomspace(1e-6, 3e-2, 28), 25
-# Gain of ln likelihood; rounding alone adds slightly more than sensor noise to the means.
-_MIN_DETECTION_GAIN = 3.0
+_FINE_GRID_WIDTH = float(np.log(_K_GRID[1] / _K_GRID[0]))
+# Gain of ln likelihood; noise that is not white reaches 5.
+_MIN_RANDOM_WALK_GAIN = 10.0
+# Slow noise that is no walk: standard deviations in rad/s, and correlation times in windows.
+_STATIONARY_SIGMAS, _SLOW_NOISE_WINDOWS = np.geomspace(1e-5, 0.1, 32), (1.0, 2.0, 4.0)
+_MIN_GAIN_OVER_SLOW_NOISE = 2.0
 # Evidence deducted because a walk can imitate any slow drift.
 _DRIFT_PENALTY = 2.0
 # Sigmas by which the innovations may differ from Gaussian white noise.
 _MAX_WHITENESS_SIGMA = 4.0
+# Largest share of windows that are bumps of the road, and how often they are searched.
+_MAX_BUMP_SHARE, _N_BUMP_PASSES = 0.1, 2
+# Correlation of squared innovations beyond chance where the roughness of a road varies.
+_MAX_ROUGHNESS_CORRELATION = 0.12
+# Loss in ln likelihood by one k for all nodes beyond which they have walks of their own: 3 sigma.
+_MAX_LOSS_BY_SHARING = 0.5 * 3.0**2
+# Gain from which on an axis shows a walk at all, and the variance of its innovations below which its noise is
+# declared too large to show whether they are white.
+_MIN_AXIS_GAIN, _MIN_AXIS_VARIANCE = 2.0, 0.5
 
 
 def detect_random_walk(residuals: Sequence[Residual]) -> list[Proposal]:
     """Detect a random walk; k by maximum likelihood, shared by the three axes of a node or of all nodes."""
-    curves = {one.node.name: _gain_curve(one) for one in residuals if BY_NAME[EFFECT_NAME] not in one.effects}
+    means = {
+        one.node.name: list(compute_window_means(one))
+        for one in residuals
+        if BY_NAME[EFFECT_NAME] not in one.effects
+    }
     proposals = []
-    for scope, members in group_by_scope([one for one in residuals if one.node.name in curves]):
-        curve = np.sum([curves[one.node.name] for one in members], axis=0)
-        best = int(np.argmax(curve))
-        if curve[best] < _MIN_DETECTION_GAIN or best == len(_K_GRID) - 1:
+    for scope, members in group_by_scope([one for one in residuals if one.node.name in means]):
+        nodes = [means[one.node.name] for one in members]
+        regular = _remove_bumps(nodes)
+        k, sigma, gain = _fit_walk([axis for node in regular for axis in node])
+        cost = parameter_cost(sum(len(node[0].mean) for node in nodes if node))
+        is_step = sum(_step_evidence(node) for node in nodes) > gain - cost
+        if gain < _MIN_RANDOM_WALK_GAIN or is_step or not _is_random_walk(regular, k, gain):
             continue
-        # With many windows the likelihood is much narrower than the steps of the coarse grid.
-        fine_grid = _K_GRID[best] * np.exp(
-            np.linspace(-1.0, 1.0, _FINE_GRID_SIZE) * np.log(_K_GRID[1] / _K_GRID[0])
-        )
-        k, sigma = _refine_peak(np.sum([_gain_curve(one, fine_grid) for one in members], axis=0), fine_grid)
-        if not all(_is_random_walk(one, k) for one in members):
+        if _count_windows(regular) < (1.0 - _MAX_BUMP_SHARE) * _count_windows(nodes):
             continue
-        cost = parameter_cost(sum(len(window_boundaries(one.node.t)) for one in members))
-        if sum(_step_evidence(one) for one in members) > float(curve[best]) - cost:
-            continue
-        proposals.append(
-            Proposal(
-                ModelTerm(BY_NAME[EFFECT_NAME](k=k), scope),  # type: ignore[call-arg]
-                float(curve[best]),
-                float(curve[best]) - cost - _DRIFT_PENALTY,
-                {"k": sigma},
-                "means of the gyro channels wander from one second to the next as a random walk does",
-            )
-        )
+        term = ModelTerm(BY_NAME[EFFECT_NAME](k=k), scope)  # type: ignore[call-arg]
+        where = "means of the gyro channels wander from one second to the next as a random walk does"
+        proposals.append(Proposal(term, gain, gain - cost - _DRIFT_PENALTY, {"k": sigma}, where))
     return proposals
 
 
-def _gain_curve(residual: Residual, grid: Array = _K_GRID) -> Array:
-    """Return the gain of ln likelihood of one node, (G,), for each k of the grid."""
-    total = np.zeros(len(grid))
-    for mean, variance, steps in _window_means(residual):
-        innovation, covariance = _innovations(mean, variance, steps, np.array([0.0, *grid**2]))
-        likelihoods = -0.5 * (innovation**2 / covariance + np.log(covariance)).sum(axis=0)
-        total += likelihoods[1:] - likelihoods[0]
-    return total
+def _fit_walk(axes: Sequence[AxisMeans]) -> tuple[float, float, float]:
+    """Return the most likely k, its 1 sigma and its gain; no gain if k is at the end of the grid.
 
-
-def _innovations(mean: Array, variance: Array, steps: Array, intensities: Array) -> tuple[Array, Array]:
-    """Return the innovation of each window mean and its variance, (K, G) each, for each k².
-
-    The mean of a walk over a window of length W differs from its value at the start by noise of variance k² W
-    / 3, of which k² W / 2 is common with the step over the window. Treating means as points of the walk would
-    underestimate k, by up to √(2/3) where the walk dominates.
+    With many windows the likelihood is much narrower than the steps of the coarse grid.
     """
-    x, v = np.zeros_like(intensities), intensities * WINDOW_DURATION
-    innovation, variances = np.empty((len(mean), len(intensities))), np.empty((len(mean), len(intensities)))
-    for k, (z, r, step) in enumerate(
-        zip(mean.tolist(), variance.tolist(), [*steps.tolist(), 0.0], strict=True)
+    best = int(np.argmax(_sum_gains(axes, _K_GRID))) if axes else len(_K_GRID) - 1
+    if best == len(_K_GRID) - 1:
+        return float(_K_GRID[-1]), float(_K_GRID[-1]), 0.0
+    fine_grid = _K_GRID[best] * np.exp(np.linspace(-1.0, 1.0, _FINE_GRID_SIZE) * _FINE_GRID_WIDTH)
+    curve = _sum_gains(axes, fine_grid)
+    return *_refine_peak(curve, fine_grid), float(np.max(curve))
+
+
+def _count_windows(nodes: Sequence[Sequence[AxisMeans]]) -> int:
+    return sum(len(axis.mean) for node in nodes for axis in node)
+
+
+def _remove_bumps(nodes: Sequence[Sequence[AxisMeans]]) -> list[list[AxisMeans]]:
+    """Return the means of each node without bumps, which enlarge the first estimate of the walk."""
+    regular = [list(node) for node in nodes]
+    for _ in range(_N_BUMP_PASSES):
+        k = float(_K_GRID[np.argmax(_sum_gains([axis for node in regular for axis in node], _K_GRID))])
+        regular = [[axis.without_bumps(k) for axis in node] for node in nodes]
+    return regular
+
+
+def _sum_gains(axes: Sequence[AxisMeans], grid: Array) -> Array:
+    return np.asarray(np.sum([axis.gain(grid) for axis in axes], axis=0))
+
+
+def _gain_of_slow_noise(axes: Sequence[AxisMeans]) -> float:
+    """Return the largest gain of noise of one size in all axes that is slower than a window."""
+    times = WINDOW_DURATION * np.array(_SLOW_NOISE_WINDOWS)
+    return float(
+        max(
+            np.max(np.sum([axis.stationary_gain(_STATIONARY_SIGMAS, time) for axis in axes], axis=0))
+            for time in times
+        )
+    )
+
+
+def _is_random_walk(nodes: Sequence[Sequence[AxisMeans]], k: float, gain: float) -> bool:
+    """Return True if each node shows the walk, and slow noise that returns to zero explains less."""
+    if not all(
+        _sum_gains(node, np.array([k]))[0] > 0.0 and _has_white_innovations(node, k) for node in nodes
     ):
-        innovation[k] = z - x
-        variances[k] = v + r + intensities * (WINDOW_DURATION / 3.0)
-        shared_part = v + intensities * (0.5 * WINDOW_DURATION)
-        x = x + shared_part / variances[k] * innovation[k]
-        v = v + intensities * step - shared_part**2 / variances[k]
-    return innovation, variances
+        return False
+    own_gains = [_fit_walk(node)[2] for node in nodes] if len(nodes) > 1 else [gain]
+    return (
+        gain > sum(own_gains) - _MAX_LOSS_BY_SHARING
+        and gain > _gain_of_slow_noise([axis for node in nodes for axis in node]) + _MIN_GAIN_OVER_SLOW_NOISE
+    )
 
 
-def _window_means(residual: Residual) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield for each gyro axis the window means, (K,), their variances, and the s between windows."""
-    edges = window_boundaries(residual.node.t)
-    steps = np.diff(np.add.reduceat(residual.node.t, edges[:-1]) / np.diff(edges))
-    for row in np.flatnonzero(residual.node.used[:3]):
-        sigma = residual.noise.channel_sigma(row)
-        winsorised = winsorise(residual.value[[row]] / sigma)[0] * sigma
-        weight = (residual.noise.is_new & ~residual.node.is_saturated[row]) / sigma**2
-        information = np.maximum(np.add.reduceat(weight, edges[:-1]), 1e-12)
-        mean = np.add.reduceat(weight * winsorised, edges[:-1]) / information
-        yield mean, 1.0 / information + residual.input_variance[row], steps
-
-
-def _is_random_walk(residual: Residual, k: float) -> bool:
+def _has_white_innovations(axes: Sequence[AxisMeans], k: float) -> bool:
     """Return True if the innovations are Gaussian, white and equally large at all times and in all axes.
 
     A step, a drift that depends on speed or turns, or a drift of one channel alone fail this test.
     """
-    variances = []
-    for mean, variance, steps in _window_means(residual):
-        innovation, covariance = _innovations(mean, variance, steps, np.array([k**2]))
-        z = (innovation / np.sqrt(covariance))[:, 0]
-        tolerance = _MAX_WHITENESS_SIGMA * np.sqrt(1.0 / len(z))
-        if np.mean(z**4) / np.mean(z**2) ** 2 - 3.0 > tolerance * np.sqrt(24.0) + 0.2:
+    n_informative, innovations = 0, []
+    for axis in axes:
+        z = axis.standardise(k)
+        variance = float(np.mean(z**2))
+        if variance > 1.3 + _MAX_WHITENESS_SIGMA * np.sqrt(2.0 / len(z)):
             return False
-        # Autocorrelation of the innovations, and of their squares.
-        centred_square = z**2 - np.mean(z**2)
-        if abs(np.mean(z[1:] * z[:-1])) > (tolerance + 0.05) * np.mean(z**2):
-            return False
-        if np.mean(centred_square[1:] * centred_square[:-1]) > (tolerance + 0.05) * np.mean(
-            centred_square**2
-        ):
-            return False
-        variances.append(float(np.mean(z**2)))
-    return bool(max(variances) < 1.0 + _MAX_WHITENESS_SIGMA * np.sqrt(2.0 / len(z)) + 0.3)
+        if axis.gain(np.array([k]))[0] > _MIN_AXIS_GAIN:
+            n_informative += 1
+            if variance > _MIN_AXIS_VARIANCE:
+                innovations.append(z / np.sqrt(variance))
+    return n_informative >= min(2, len(axes)) and (not innovations or _are_white(innovations))
 
 
-def _step_evidence(residual: Residual) -> float:
+def _are_white(innovations: Sequence[Array]) -> bool:
+    """Return True if innovations, (K,) of unit variance each, are Gaussian, and like their squares white.
+
+    Tested is the mean over the axes: a road of varying roughness is the same for all of them.
+    """
+    statistics = []
+    for z in innovations:
+        square = z**2 - 1.0
+        square_correlation = np.mean(square[1:] * square[:-1]) / np.mean(square**2)
+        statistics.append((np.mean(z**4) - 3.0, abs(np.mean(z[1:] * z[:-1])), square_correlation))
+    kurtosis, correlation, square_correlation = np.mean(statistics, axis=0)
+    tolerance = _MAX_WHITENESS_SIGMA / np.sqrt(min(len(z) for z in innovations))
+    return bool(
+        kurtosis < tolerance * np.sqrt(24.0) + 0.2
+        and correlation < tolerance + 0.05
+        and square_correlation < tolerance + _MAX_ROUGHNESS_CORRELATION
+    )
+
+
+def _step_evidence(axes: Sequence[AxisMeans]) -> float:
     """Return the evidence, in nats, of one common step of all gyro axes at the best time, without a walk.
 
     The number of possible times is penalised, and the amplitude of each axis as in BIC.
     """
-    gains, count = np.zeros(1), 0
-    for mean, variance, _ in _window_means(residual):
-        weight = np.cumsum((1.0 / variance)[::-1])[::-1]
-        gains = gains + 0.5 * np.cumsum((mean / variance)[::-1])[::-1] ** 2 / weight
-        count += 1
+    gains = np.zeros(1)
+    for axis in axes:
+        weight = np.cumsum((1.0 / axis.variance)[::-1])[::-1]
+        gains = gains + 0.5 * np.cumsum((axis.mean / axis.variance)[::-1])[::-1] ** 2 / weight
     # A step at the first window is a constant offset, which is another effect.
     n_windows = len(gains)
-    return float(gains[1:].max(initial=0.0) - np.log(n_windows)) - count * parameter_cost(n_windows)
+    return float(gains[1:].max(initial=0.0) - np.log(n_windows)) - len(axes) * parameter_cost(n_windows)
 
 
 def _refine_peak(curve: Array, grid: Array) -> tuple[float, float]:

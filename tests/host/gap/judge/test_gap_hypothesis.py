@@ -46,3 +46,11 @@ def test_a_bank_has_to_gain_more_than_slow_noise_of_the_accelerometers():
     assert not judge_proposal(build_baseline(True, 0.8), proposal, None).objection
     outliers = Proposal(ModelTerm(BY_NAME["outliers"](), "left"), 40.0, 35.0, {}, "")
     assert not judge_proposal(build_baseline(True, 1.0), outliers, None).objection
+
+
+def test_correlated_residuals_temper_no_evidence_of_equal_readings():
+    repeats = ModelTerm(BY_NAME["sample_repeat"](), "left")
+    exact, inexact = (Proposal(repeats, 40.0, 35.0, {}, "", is_exact) for is_exact in (True, False))
+    baseline = build_baseline(False, 8.0)
+    assert judge_proposal(baseline, exact, None).evidence == 35.0
+    assert judge_proposal(baseline, inexact, None).evidence == 40.0 / 8.0 - 5.0

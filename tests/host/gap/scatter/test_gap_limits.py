@@ -11,27 +11,37 @@ from hubodo.gap.scatter.limits import detect_limits
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize(("name", "rows", "limit"), [("gyro", (0, 3), 5.5), ("accel", (3, 6), 8.0)])
 def test_the_gain_of_a_limit_is_the_log_density_ratio_of_the_clipped_model(seed, name, rows, limit):
-    """A sample counts for at most 20 sigma, so that a single dropout to zero does not dominate."""
-    rng = np.random.default_rng(seed)
-    clean, y = draw_readings(rng)
-    channels = slice(*rows)
-    y[channels] = np.clip(y[channels], -limit, limit)
-    is_clipped = np.abs(clean[channels]) > limit
+    """A reading at the limit is in the tail, or without a limit in one step of the lattice there.
+
+    A prediction is believed up to 20 sigma, and the largest gain does not count.
+    """
+    channels, step = slice(*rows), 0.004
+    clean, y = draw_readings(np.random.default_rng(seed))
+    y[channels] = np.clip(step * np.round(y[channels] / step), -limit, limit)
+    is_clipped = np.abs(y[channels]) == limit
     assert is_clipped.sum() > 100
-    row, index = np.argwhere(is_clipped)[0]
-    y[rows[0] + row, index] = 0.0
     limits = (limit, np.inf) if name == "gyro" else (np.inf, limit)
     proposals = detect_limits([build_residual(y, clean, limits=limits)])
     assert [(it.term.effect.name, it.term.scope) for it in proposals] == [(f"{name}_saturation", "left")]
     assert proposals[0].term.effect.limit == limit
+    sigma = np.broadcast_to(SIGMA[channels], y[channels].shape)
+    distance = np.clip((limit - np.sign(y[channels]) * clean[channels]) / sigma, -20.0, 20.0)
+    without_limit = norm.logpdf(distance) + np.log(step / sigma)
+    gains = (norm.logsf(distance) - without_limit)[is_clipped]
+    assert proposals[0].gain == pytest.approx(float(gains.sum() - gains.max()), rel=1e-9)
+    assert proposals[0].is_exact
 
-    def log_density(mean):
-        density_at_20_sigma = norm.logpdf(20.0 * SIGMA[channels], scale=SIGMA[channels])
-        return float(np.sum(np.maximum(norm.logpdf(y[channels], mean, SIGMA[channels]), density_at_20_sigma)))
 
-    gain = log_density(np.clip(clean[channels], -limit, limit)) - log_density(clean[channels])
-    assert gain > 100.0
-    assert proposals[0].gain == pytest.approx(gain, rel=1e-9)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_limit_beyond_all_predictions_shows_in_equal_readings(seed):
+    """Readings that noise alone carries beyond the limit pile up at it."""
+    clean, y = draw_readings(np.random.default_rng(seed), 4000)
+    limit = float(np.quantile(np.abs(y[:3]), 0.996))
+    y[:3] = np.clip(0.004 * np.round(y[:3] / 0.004), -limit, limit)
+    (proposal,) = detect_limits([build_residual(y, clean, limits=(limit, np.inf))])
+    count = int((np.abs(y[:3]) == limit).sum())
+    print(f"seed {seed}: {proposal.gain:.0f} nats of {count} readings at the limit")
+    assert proposal.gain > count
 
 
 @pytest.mark.parametrize("step", [0.01, 0.05])

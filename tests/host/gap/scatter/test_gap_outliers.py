@@ -174,3 +174,20 @@ def test_outliers_of_one_size_are_detected_where_channels_are_quieter_than_decla
     y += (rng.random(y.shape) < 0.02) * 3.2 * SIGMA * rng.standard_normal(y.shape)
     (proposal,) = detect_outliers([build_residual(y, clean)])
     assert proposal.term.effect.values()["sigma"] == pytest.approx(3.2, rel=0.25)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_bursts_of_a_road_hide_no_outliers(seed):
+    """Thirty bumps of six readings in all channels, beside 0.3 % of outliers in noise that varies."""
+    rng = np.random.default_rng(seed)
+    share, sigma = 0.003, 12.0
+    clean, y, noise = draw_road_noise(rng)
+    for start in rng.integers(0, 5990, 30):
+        y[:, start : start + 6] += 10.0 * SIGMA * rng.standard_normal((6, 6))
+    y += (rng.random(y.shape) < share) * sigma * SIGMA * rng.standard_normal(y.shape)
+    residual = build_residual(y, clean)
+    (proposal,) = detect_outliers([replace(residual, noise=replace(residual.noise, **noise))])
+    values, sigmas = proposal.term.effect.values(), proposal.sigmas
+    print(f"seed {seed}: share {values['probability']:.4f}, size {values['sigma']:.1f}")
+    assert abs(values["probability"] - share) < 3.5 * sigmas["probability"]
+    assert abs(values["sigma"] - sigma) < 3.5 * sigmas["sigma"]

@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
 from gap_residuals import SEEDS, SIGMA, WINDOW, build_residual, draw_readings, draw_readings_with_walk
+from hubodo.gap.process_noise.wheel_phase import window_boundaries
 from hubodo.gap.scatter.random_walk import _refine_peak, detect_random_walk
 
 
@@ -44,8 +46,11 @@ def test_the_gain_of_a_random_walk_is_the_log_density_ratio_of_window_means(seed
         )
         return sum(multivariate_normal(cov=covariance_without_walk + walk).logpdf(mean) for mean in means)
 
-    # The grid of the detector: steps by a factor of 1.46.
-    gain = max(log_density(k) for k in np.geomspace(1e-6, 3e-2, 28)) - log_density(0.0)
+    # The grid of the detector: steps by a factor of 1.46 in 12 parts.
+    grid = np.geomspace(1e-6, 3e-2, 28)
+    coarse = grid[np.argmax([log_density(k) for k in grid])]
+    fine = coarse * np.exp(np.linspace(-1.0, 1.0, 25) * np.log(grid[1] / grid[0]))
+    gain = max(log_density(k) for k in fine) - log_density(0.0)
     assert proposals[0].gain == pytest.approx(gain, rel=1e-6)
     # 1 sigma of ln k from the curvature at the maximum.
     estimate, step = proposals[0].term.effect.k, np.log(1.46) / 12.0
@@ -71,6 +76,40 @@ def test_the_intensity_of_a_strong_walk_is_unbiased():
 def test_a_large_bias_step_is_not_detected_as_a_random_walk():
     clean, y = draw_readings(np.random.default_rng(1), 3000)
     y[:3, 1500:] += 0.05
+    assert detect_random_walk([build_residual(y, clean)]) == []
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_bumps_of_a_road_hide_no_walk(seed):
+    """Eight of 487 windows have a mean of many sigmas, beside a walk of one sigma of the mean per window."""
+    rng = np.random.default_rng(seed)
+    clean, y = draw_readings_with_walk(rng, 0.003, 12_000)
+    residual = build_residual(y, clean)
+    for window in rng.choice(len(window_boundaries(residual.node.t)) - 2, 8, replace=False):
+        start = window_boundaries(residual.node.t)[window]
+        y[:3, start : start + 20] += 0.05 * rng.choice([-1.0, 1.0], (3, 1))
+    (proposal,) = detect_random_walk([build_residual(y, clean)])
+    print(f"seed {seed}: k {proposal.term.effect.k:.5f} ± {proposal.sigmas['k']:.5f}, injected 0.003")
+    assert abs(proposal.term.effect.k - 0.003) < 3.5 * proposal.sigmas["k"]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("correlation_time", [0.5, 1.0, 2.0])
+def test_slow_noise_that_returns_to_zero_is_no_walk(correlation_time, seed):
+    rng = np.random.default_rng(seed)
+    clean, y = draw_readings(rng, 12_000)
+    period = np.mean(np.diff(build_residual(y, clean).node.t))
+    decay = float(np.exp(-period / correlation_time))
+    steps = 0.006 * np.sqrt(1.0 - decay**2) * rng.standard_normal((3, 12_000))
+    y[:3] += lfilter([1.0], [1.0, -decay], steps)
+    assert detect_random_walk([build_residual(y, clean)]) == []
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_walk_of_one_axis_alone_is_none_of_the_gyros(seed):
+    rng = np.random.default_rng(seed)
+    clean, y = draw_readings_with_walk(rng, 0.003, 6000)
+    y[:2] = clean[:2] + SIGMA[:2] * rng.standard_normal((2, 6000))
     assert detect_random_walk([build_residual(y, clean)]) == []
 
 

@@ -50,3 +50,18 @@ def test_readings_that_agree_on_a_standing_wheel_are_no_repeats(seed):
     proposal = detect_repeats([build_residual(y, clean, is_new=~is_equal)])[0]
     print(f"seed {seed}: {is_equal.sum()} equal, {proposal.term.effect.probability * n:.1f} repeats")
     assert 4.0 <= proposal.term.effect.probability * n <= 8.0
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_samples_that_agree_in_pauses_of_a_noisy_drive_are_no_repeats(seed):
+    """Noise estimated for pauses and driving together makes agreement in the pauses appear impossible."""
+    rng = np.random.default_rng(seed)
+    n, step = 6000, 0.5 * SIGMA
+    clean, noise = np.zeros((6, n)), SIGMA * rng.standard_normal((6, n))
+    for start in range(500, n, 2000):
+        noise[:, start : start + 100] *= 0.2
+    y = step * np.round((clean + noise) / step)
+    is_equal = np.append(False, (np.diff(y, axis=1) == 0.0).all(axis=0))
+    print(f"seed {seed}: {is_equal.sum()} samples equal their predecessor")
+    assert is_equal.sum() > 10
+    assert detect_repeats([build_residual(y, clean, is_new=~is_equal)]) == []
