@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from enum import Enum
 
 import numpy as np
 from residual_noise import REAL_FACING, DriveNoise, turn_over
@@ -24,7 +25,24 @@ _MIN_VISIBLE_NATS = 0.5 * 3.0**2
 _SPARE_SEEDS, _SPARE_SEED_STEP = 5, 100_000
 # Draws of the noise that give its effect on an estimate within a fifth, and the step of their seeds.
 _N_DRAWS, _DRAW_SEED_STEP = 12, 1_000_000
+# Share of the typical size of an effect in the field at which it is injected.
+_TYPICAL_SHARES = {"medium": 0.3, "strong": 1.0}
+# Share of an effect of which the square hardly shows.
+_LINEAR_SHARE = 0.01
 _CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
+
+
+class Sizing(Enum):
+    """The unit in which the strength of an injected effect is given.
+
+    WHITE_NOISE: nats in white noise with the rms of the real one
+    REAL_NOISE: nats in the real noise
+    TYPICAL_SIZE: a share of its typical size in the field, and at least the nats in the real noise
+    """
+
+    WHITE_NOISE = "white"
+    REAL_NOISE = "real"
+    TYPICAL_SIZE = "typical"
 
 
 @dataclass(frozen=True)
@@ -118,13 +136,13 @@ def draw_case(
     seed: int,
     size: float = 1.0,
     duration: float | None = None,
-    in_real_noise: bool = False,
+    sizing: Sizing = Sizing.WHITE_NOISE,
 ) -> SemiCase:
     """Return a case; the first seed is used whose drive shows the effect.
 
     name: one of EFFECT_NAMES, or empty
     size: factor on the parameters of the effect beside its strength
-    in_real_noise: True for a strength in the real noise, False for one in white noise of the same rms
+    sizing: unit of the strength
 
     Raises ValueError if the drive of no seed shows the effect.
     """
@@ -139,15 +157,21 @@ def draw_case(
             return SemiCase(setup, noise, effect, visible=("sigma",))
         meter = NodesGainMeter(setup, {side: wheel_sigma(setup, noise, side) for side in SIDES})
         try:
-            effect, _ = meter.scale_to_gain(cases.draw_hidden_effect(setup, name), STRENGTHS[strength])
+            drawn = cases.draw_hidden_effect(setup, name)
+            effect, _ = meter.scale_to_gain(drawn, STRENGTHS[strength])
         except ValueError as error:
             reason = str(error)
             continue
-        effect = restrict_to_visible_side(meter, effects.scale_effect(effect, size))
+        effect = effects.scale_effect(effect, size)
+        typical = size * _TYPICAL_SHARES[strength] if sizing is Sizing.TYPICAL_SIZE else 0.0
         draws = _draw_noise(setup, noise)
-        if in_real_noise and effect.name not in SCATTER_EFFECTS:
+        if effect.name in SCATTER_EFFECTS:
+            effect = _enlarge_to(effect, drawn, typical)
+            effect = restrict_to_visible_side(meter, effect)
+        elif sizing is not Sizing.WHITE_NOISE:
             target = size**2 * STRENGTHS[strength]
-            effect = effects.scale_effect(effect, np.sqrt(target / meter.gain_in_noise(effect, draws)))
+            factor = float(np.sqrt(target / meter.gain_in_noise(effect, draws)))
+            effect = _enlarge_to(effects.scale_effect(effect, factor), drawn, typical)
             if not effects.is_possible(effect):
                 reason = f"{name}: no possible size has {target:g} nats in the real noise"
                 continue
@@ -155,6 +179,11 @@ def draw_case(
         visible = list_visible_parameters(meter, effect, _MIN_VISIBLE_NATS * max(white / real, 1.0))
         return SemiCase(setup, noise, effect, white, real, visible)
     raise ValueError(reason)
+
+
+def _enlarge_to(effect: Effect, typical: Effect, size: float) -> Effect:
+    """Return an effect, or the typical one in a larger size."""
+    return effect if effect.size >= size else effects.scale_effect(typical, size)
 
 
 def restrict_to_visible_side(meter: NodesGainMeter, effect: Effect) -> Effect:
@@ -181,7 +210,9 @@ def list_visible_parameters(
         return tuple(names)
     others = {name: dict.fromkeys(set(names) - {name}, 0.0) for name in names}
     alone = {name: replace(effect, parameters={**effect.parameters, **others[name]}) for name in names}
-    return tuple(name for name in names if meter.gain(alone[name]) > min_gain)
+    # A large rotation about the axle shows in the square of its angle, of which an estimate knows nothing.
+    small = {name: effects.scale_effect(one, _LINEAR_SHARE) for name, one in alone.items()}
+    return tuple(name for name in names if meter.gain(small[name]) > min_gain * _LINEAR_SHARE**2)
 
 
 def _declared_sigma(setup: Setup) -> Array:

@@ -30,7 +30,7 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1]), str(Path(__file__).res
 import numpy as np
 from real import CAR, DRIVES, HIGH_CONFIDENCE, MAX_ERROR_SHARE, MAX_ERROR_SIGMA, read_drive
 from residual_noise import extract_noise, load_noise
-from semi_case import EFFECT_NAMES, draw_case
+from semi_case import EFFECT_NAMES, Sizing, draw_case
 
 from gap_matrix.effects import Effect
 from gap_matrix.judge.diagnoses import compute_fingerprint
@@ -95,7 +95,7 @@ def _find_gap_of_text(text: str, recording: Any, accept: Sequence[str] = ()) -> 
         return find_gap(recording, read_model(path), accept=accept)
 
 
-def run_cell(cell: Cell, folder: Path, size: float, duration: float | None, in_real_noise: bool) -> Row:
+def run_cell(cell: Cell, folder: Path, size: float, duration: float | None, sizing: Sizing) -> Row:
     """Return the row of a case; `unmade` if no drive shows the effect, `error` if the search failed."""
     row: Row = {"key": cell.key, "name": cell.name, "strength": cell.strength, "drive": cell.drive}
     start = time.process_time()
@@ -107,7 +107,7 @@ def run_cell(cell: Cell, folder: Path, size: float, duration: float | None, in_r
             cell.seed,
             size,
             duration,
-            in_real_noise,
+            sizing,
         )
     except ValueError as error:
         return {**row, "unmade": str(error)}
@@ -236,7 +236,7 @@ def print_summary(rows: Sequence[Row]) -> None:
         print(f"processor time a case, median: {np.median([row['cpu'] for row in judged]):.0f} s")
 
 
-def _compute_fingerprint(*options: float | bool | None) -> str:
+def _compute_fingerprint(*options: float | str | None) -> str:
     digest = hashlib.sha256(f"{compute_fingerprint()} {options}".encode())
     for name in _SOURCES:
         digest.update((Path(__file__).parent / name).read_bytes())
@@ -259,7 +259,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--nulls", type=int, default=40, help="cases without an effect")
     parser.add_argument("--size", type=float, default=1.0, help="factor on the parameters of all effects")
     parser.add_argument(
-        "--real-nats", action="store_true", help="strengths in the real noise, not in white noise"
+        "--sizing",
+        type=Sizing,
+        default=Sizing.TYPICAL_SIZE,
+        choices=list(Sizing),
+        metavar="{typical,real,white}",
+        help="strengths as shares of the typical size of an effect (typical, default),\n"
+        "or in nats in the real noise (real) or in white noise (white)",
     )
     parser.add_argument("--seconds", type=float, help="of each drive; default 60, 120 or 240 by seed")
     parser.add_argument("--seed", type=int, default=0, help="added to all seeds")
@@ -270,7 +276,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     learn_noise(options.output)
     path = (
         options.output
-        / f"rows-{_compute_fingerprint(options.size, options.seconds, options.real_nats)}.jsonl"
+        / f"rows-{_compute_fingerprint(options.size, options.seconds, options.sizing.value)}.jsonl"
     )
     cells = list(list_cells(options.effects, options.strengths, options.cases, options.nulls, options.seed))
     print(
@@ -283,7 +289,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         folder=options.output,
         size=options.size,
         duration=options.seconds,
-        in_real_noise=options.real_nats,
+        sizing=options.sizing,
     )
     rows = compute_rows(
         path, cells, lambda cell: cell.key, run, options.jobs,
