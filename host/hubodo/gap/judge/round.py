@@ -88,20 +88,21 @@ class Round:
         """Return the hypothesis to add provisionally, or None.
 
         If several effects are missing, residuals stay correlated whichever is fitted, and tempering hides
-        every gain. Returned is the hypothesis that would be added if the residuals were white, unless it is a
-        random walk, which would take over what several others explain.
+        every gain. Returned is the hypothesis that would be added if the residuals were white, unless it is
+        without a name, or a random walk, which would take over what several others explain. Evidence of equal
+        readings is not tempered.
         """
         if self.best is not None or not self.hypotheses:
             return None
         first = self.hypotheses[0]
         untempered_evidence = first.evidence + first.gain * (1.0 - 1.0 / self.tempering)
-        is_walk = first.term.effect.random_walk_variance_rate() > 0.0
-        is_named = not first.term.effect.name.startswith(PREFIX) and not is_walk
-        return (
-            first
-            if is_named and first.evidence > 0.0 and untempered_evidence > _PROVISIONAL_EVIDENCE
-            else None
+        can_be_hidden = not (
+            first.term.effect.name.startswith(PREFIX)
+            or first.term.effect.random_walk_variance_rate() > 0.0
+            or (first.proposal is not None and first.proposal.is_exact)
         )
+        is_hidden = first.evidence > 0.0 and untempered_evidence > _PROVISIONAL_EVIDENCE
+        return first if can_be_hidden and is_hidden else None
 
     def find_hypothesis(self, key: tuple[str, str]) -> Hypothesis | None:
         """Return the hypothesis of this effect and scope, or None."""
