@@ -20,6 +20,8 @@ from hubodo.gap.refit.prune import MODEL_IMPRECISION
 from hubodo.gap.state.terms import ALL
 
 # Chosen, and judged together with the other settings of the search, by `make gap-matrix`.
+# Ratio of the gain of a random walk to that of an effect with few parameters, up to which it is that effect.
+_MIN_WALK_RATIO = 1.03
 # Ratio of the gain of an unnamed term to that of the best listed effect, below which it is that effect: in
 # independent and in correlated residuals.
 _MIN_UNNAMED_ADVANTAGE = (1.2, 2.0)
@@ -141,14 +143,22 @@ def object_to_walks(hypotheses: Sequence[Hypothesis], tempering: float) -> list[
     """Reject random walks that gain no more than an effect on which the parts of the log agree.
 
     Where residuals are correlated, a walk follows an error that turns with the wheel as well as noise. A walk
-    would not give the same misalignment in each part.
+    would not give the same misalignment in each part. Nor is it a walk what an effect with a few parameters
+    explains up to a few percent, such as a warm-up: the walk follows slow noise besides.
     """
-    is_correlated = tempering > MIN_CORRELATED_TEMPERING
-    steady = [one for one in hypotheses if one.surprise >= CONSISTENT_SURPRISE and not one.objection]
-    best_gain = max((one.gain for one in steady), default=0.0)
+    if tempering <= MIN_CORRELATED_TEMPERING:
+        return list(hypotheses)
+    valid = [one for one in hypotheses if not one.objection]
+    steady = [one.gain for one in valid if one.surprise >= CONSISTENT_SURPRISE]
+    few = [
+        _MIN_WALK_RATIO * one.gain
+        for one in valid
+        if one.held_out_gain is not None and not one.term.effect.name.startswith(PREFIX)
+    ]
+    best_gain = max([*steady, *few], default=0.0)
     return [
-        one.with_objection("gains no more than an effect on which the parts of the log agree")
-        if is_correlated and one.term.effect.random_walk_variance_rate() > 0.0 and one.gain < best_gain
+        one.with_objection("gains no more than an effect with a few parameters")
+        if one.term.effect.random_walk_variance_rate() > 0.0 and one.gain < best_gain
         else one
         for one in hypotheses
     ]
