@@ -56,7 +56,7 @@ def detect_random_walk(residuals: Sequence[Residual]) -> list[Proposal]:
         if _count_windows(regular) < (1.0 - _MAX_BUMP_SHARE) * _count_windows(nodes):
             continue
         term = ModelTerm(BY_NAME[EFFECT_NAME](k=k), scope)  # type: ignore[call-arg]
-        where = "means of the gyro channels wander from one second to the next as a random walk does"
+        where = "means of the gyro channels drift from one second to the next as a random walk does"
         proposals.append(Proposal(term, gain, gain - cost - _DRIFT_PENALTY, {"k": sigma}, where))
     return proposals
 
