@@ -70,6 +70,6 @@ def _examine_limit(residual: Residual, limit: float, rows: slice) -> _Limit:
 
 def _propose(name: str, scope: str, limit: float, gain: float, step: float) -> Proposal:
     term = ModelTerm(BY_NAME[name](limit=limit), scope)  # type: ignore[call-arg]
-    where = f"readings stop at ±{limit:.4g} where the model goes beyond"
+    where = f"readings pile up at ±{limit:.4g}, as at a limit"
     sigmas = {"limit": max(0.5 * step, 1e-6 * limit)}
     return Proposal(term, gain, gain - parameter_cost(1e4), sigmas, where, is_exact=True)
