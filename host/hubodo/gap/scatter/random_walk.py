@@ -11,12 +11,12 @@ from hubodo.effects import BY_NAME
 from hubodo.gap.process_noise.residual import Residual
 from hubodo.gap.process_noise.wheel_phase import WINDOW_DURATION
 from hubodo.gap.scatter.base import Proposal, group_by_scope, parameter_cost
-from hubodo.gap.scatter.window_means import AxisMeans, compute_window_means
+from hubodo.gap.scatter.window_means import K_GRID, AxisMeans, compute_window_means
 from hubodo.gap.state.terms import ModelTerm
 
 EFFECT_NAME = "gyro_rate_random_walk"
-_K_GRID, _FINE_GRID_SIZE = np.geomspace(1e-6, 3e-2, 28), 25
-_FINE_GRID_WIDTH = float(np.log(_K_GRID[1] / _K_GRID[0]))
+_FINE_GRID_SIZE = 25
+_FINE_GRID_WIDTH = float(np.log(K_GRID[1] / K_GRID[0]))
 # Gain of ln likelihood; noise that is not white reaches 5.
 _MIN_RANDOM_WALK_GAIN = 10.0
 # Slow noise that is no walk: standard deviations in rad/s, and correlation times in windows.
@@ -66,10 +66,10 @@ def _fit_walk(axes: Sequence[AxisMeans]) -> tuple[float, float, float]:
 
     With many windows the likelihood is much narrower than the steps of the coarse grid.
     """
-    best = int(np.argmax(_sum_gains(axes, _K_GRID))) if axes else len(_K_GRID) - 1
-    if best == len(_K_GRID) - 1:
-        return float(_K_GRID[-1]), float(_K_GRID[-1]), 0.0
-    fine_grid = _K_GRID[best] * np.exp(np.linspace(-1.0, 1.0, _FINE_GRID_SIZE) * _FINE_GRID_WIDTH)
+    best = _best_on_grid(axes)
+    if best == len(K_GRID) - 1:
+        return float(K_GRID[-1]), float(K_GRID[-1]), 0.0
+    fine_grid = K_GRID[best] * np.exp(np.linspace(-1.0, 1.0, _FINE_GRID_SIZE) * _FINE_GRID_WIDTH)
     curve = _sum_gains(axes, fine_grid)
     return *_refine_peak(curve, fine_grid), float(np.max(curve))
 
@@ -82,9 +82,14 @@ def _remove_bumps(nodes: Sequence[Sequence[AxisMeans]]) -> list[list[AxisMeans]]
     """Return the means of each node without bumps, which enlarge the first estimate of the walk."""
     regular = [list(node) for node in nodes]
     for _ in range(_N_BUMP_PASSES):
-        k = float(_K_GRID[np.argmax(_sum_gains([axis for node in regular for axis in node], _K_GRID))])
+        k = float(K_GRID[_best_on_grid([axis for node in regular for axis in node])])
         regular = [[axis.without_bumps(k) for axis in node] for node in nodes]
     return regular
+
+
+def _best_on_grid(axes: Sequence[AxisMeans]) -> int:
+    """Return the index of the most likely k of the coarse grid; the last one without axes."""
+    return int(np.argmax(np.sum([axis.coarse_gain for axis in axes], axis=0))) if axes else len(K_GRID) - 1
 
 
 def _sum_gains(axes: Sequence[AxisMeans], grid: Array) -> Array:

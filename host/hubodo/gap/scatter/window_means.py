@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from hubodo.gap.process_noise.residual import Residual
 from hubodo.gap.process_noise.wheel_phase import WINDOW_DURATION, window_boundaries
 from hubodo.gap.process_noise.window_sums import winsorise
 
+# Intensities of a walk, rad/s/√s, at which every axis is evaluated.
+K_GRID = np.geomspace(1e-6, 3e-2, 28)
 # Innovation, in sigma, beyond which a single window is a bump of the road.
 _BUMP_SIGMA = 3.5
 
@@ -28,6 +31,11 @@ class AxisMeans:
     mean: Array
     variance: Array
     steps: Array
+
+    @cached_property
+    def coarse_gain(self) -> Array:
+        """Return the gain of ln likelihood over no walk for each k of `K_GRID`; scopes of nodes share it."""
+        return self.gain(K_GRID)
 
     def gain(self, grid: Array) -> Array:
         """Return the gain of ln likelihood over no walk, (G,), for each k of a grid."""
@@ -53,35 +61,38 @@ class AxisMeans:
 
     def standardise(self, k: float) -> Array:
         """Return the innovations in units of their sigma, (K,)."""
-        innovation, variance = _innovations(self, np.array([k**2]))
-        return np.asarray((innovation / np.sqrt(variance))[:, 0])
+        innovation, variance = _innovations(self, k**2)
+        return np.asarray(innovation / np.sqrt(variance))
 
     def without_bumps(self, k: float) -> AxisMeans:
-        """Return the means without windows that differ from the walk by many sigmas."""
+        """Return the means without windows that differ from the walk by many sigmas; itself without such."""
         regular = np.abs(self.standardise(k)) < _BUMP_SIGMA
         regular[0] = True
+        if regular.all():
+            return self
         times = np.concatenate([[0.0], np.cumsum(self.steps)])
         return AxisMeans(self.mean[regular], self.variance[regular], np.diff(times[regular]))
 
 
-def _innovations(axis: AxisMeans, intensities: Array) -> tuple[Array, Array]:
-    """Return the innovation of each window mean and its variance, (K, G) each, for each k².
+def _innovations(axis: AxisMeans, intensity: Array | float) -> tuple[Array, Array]:
+    """Return the innovation of each window mean and its variance, (K, G) or (K,) each, for each k² or one.
 
     The mean of a walk over a window of length W differs from its value at the start by noise of variance k² W
     / 3, of which k² W / 2 is common with the step over the window. Treating means as points of the walk would
     underestimate k, by up to √(2/3) where the walk dominates.
     """
-    x, v = np.zeros_like(intensities), intensities * WINDOW_DURATION
-    innovation, variances = np.empty((2, len(axis.mean), len(intensities)))
-    for k, (z, r, step) in enumerate(
-        zip(axis.mean.tolist(), axis.variance.tolist(), [*axis.steps.tolist(), 0.0], strict=True)
+    x, v = 0.0 * intensity, intensity * WINDOW_DURATION
+    innovations, variances = [], []
+    for z, r, step in zip(
+        axis.mean.tolist(), axis.variance.tolist(), [*axis.steps.tolist(), 0.0], strict=True
     ):
-        innovation[k] = z - x
-        variances[k] = v + r + intensities * (WINDOW_DURATION / 3.0)
-        shared_part = v + intensities * (0.5 * WINDOW_DURATION)
-        x = x + shared_part / variances[k] * innovation[k]
-        v = v + intensities * step - shared_part**2 / variances[k]
-    return innovation, variances
+        innovation, variance = z - x, v + r + intensity * (WINDOW_DURATION / 3.0)
+        innovations.append(innovation)
+        variances.append(variance)
+        shared_part = v + intensity * (0.5 * WINDOW_DURATION)
+        x = x + shared_part / variance * innovation
+        v = v + intensity * step - shared_part**2 / variance
+    return np.array(innovations), np.array(variances)
 
 
 def compute_window_means(residual: Residual) -> Iterator[AxisMeans]:
