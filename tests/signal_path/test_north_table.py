@@ -3,17 +3,14 @@
 import json
 import math
 import time
-from dataclasses import dataclass, field
-from importlib import import_module
 
 import numpy as np
 import pytest
 
 from fakes.fake_table import FakeTable
+from fakes.turned_motion import TurnedMotion
 from hubodo.cli import main
-from hubodo.earth import STANDARD_GRAVITY
 from hubodo.emulator.board.settings import Clock, Flash, Host
-from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.log.recording_reader import read_recording
 from hubodo.sensors.north.motion_from_gyro import find_table_motion
@@ -23,50 +20,23 @@ SPEED = 180.0
 """deg/s of the table."""
 
 
-@dataclass(frozen=True)
-class Turned(StillMotion):
-    """Motion of a node on a table: turns about z as (begin, end, rad/s) on the board's clock.
-
-    begun: estimates of the host time at which that clock was 0, s; lived: its present time, s.
-    """
-
-    begun: list = field(default_factory=list)
-    lived: list = field(default_factory=lambda: [0.0])
-    turns: list = field(default_factory=list)
-    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(1))
-
-    def angular_rate(self, t):
-        gyro = self.rng.normal(0.0, 0.002, (len(t), 3))
-        # The power-on time is the smallest estimate, as the board's clock is late but never early.
-        self.begun.append(time.monotonic() - float(np.max(t)))
-        self.lived[0] = float(np.max(t))
-        for start, end, rate in list(self.turns):
-            gyro[:, 2] += rate * ((t >= start) & (t < end))
-        return gyro
-
-    def specific_force(self, t):
-        return np.tile([0.0, 0.0, STANDARD_GRAVITY], (len(t), 1))
-
-
 @pytest.fixture
 def bench(tmp_path):
     """Yield a node on a port and a turntable under it with speed SPEED."""
     micropython_or_skip()
-    # The node is a thread of this process: loading 400 modules on a busy computer silences it for seconds.
-    import_module("hubodo.verbs.north")
-    motion = Turned()
+    motion = TurnedMotion(path=tmp_path / "motion")
 
     def turning(from_deg, to_deg, put):
         length = abs(to_deg - from_deg) / SPEED
-        while not motion.begun:
+        while math.isinf(motion.clock_zero):
             time.sleep(0.02)  # The board is powering on.
         start = time.monotonic()
         # Set slightly ahead, because the board creates its samples just before sending them.
-        first = max(start - min(motion.begun), motion.lived[0]) + 0.2
+        first = max(start - motion.clock_zero, motion.newest) + 0.2
         last = first + length
-        motion.turns.append((first, last, math.radians(math.copysign(SPEED, to_deg - from_deg))))
+        motion.add_turn(first, last, math.radians(math.copysign(SPEED, to_deg - from_deg)))
         # The move does not end before the board, delayed by a busy computer, has measured all of it.
-        while (share := (time.monotonic() - start) / (length + 0.4)) < 1.0 or motion.lived[0] < last:
+        while (share := (time.monotonic() - start) / (length + 0.4)) < 1.0 or motion.newest < last:
             put(from_deg + min(share, 1.0) * (to_deg - from_deg))
             time.sleep(0.02)
 
@@ -76,7 +46,6 @@ def bench(tmp_path):
         Flash(FIRMWARE, {"rate_hz": 104}),
         clock=Clock("paced"),
         host=Host("pty", path=port),
-        own_process=False,
     )
     with FakeTable(turning=turning) as table, node:
         yield port, table

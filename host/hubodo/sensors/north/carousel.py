@@ -13,7 +13,7 @@ from hubodo.sensors.north.averages import Averages, average_spans
 from hubodo.sensors.north.axis_record import AxisRecord
 from hubodo.sensors.north.disturbances import find_disturbed_spans
 from hubodo.sensors.north.stops import TableMotion
-from hubodo.sensors.north.table_clock import measure_table_lag, table_rate
+from hubodo.sensors.north.table_clock import describe_lag, measure_table_lag, table_rate
 
 AVERAGES_PER_TURN = 16
 MIN_CAROUSEL_TURNS = 2.0
@@ -122,8 +122,7 @@ def _correct_lag(record: AxisRecord, covered: NDArray[np.bool_]) -> tuple[float,
         ]
     if abs(lag) < 4 * sigma:
         return 0.0, []
-    side = "late" if lag > 0 else "early"
-    return lag, [f"table.csv is {abs(lag):.3f} ± {sigma:.3f} s {side} against the node; corrected"]
+    return lag, [describe_lag(lag, sigma)]
 
 
 def _cross_axis_rate(record: AxisRecord, covered: NDArray[np.bool_], angle: Array, spin: Array) -> Array:

@@ -15,6 +15,7 @@ from hubodo.sensors.north.axis_record import AxisRecord
 from hubodo.sensors.north.carousel import average_carousel, fit_each_turn
 from hubodo.sensors.north.filters import DIRECTION_TOLERANCE, find_opposite_pairs, stop_signs
 from hubodo.sensors.north.stops import Stops, split_stops
+from hubodo.sensors.north.table_clock import align_table
 
 Method = Literal["maytag", "maytag4", "carousel", "east"]
 METHODS: tuple[Method, ...] = ("maytag", "maytag4", "carousel", "east")
@@ -88,8 +89,11 @@ def _measure_carousel(record: AxisRecord) -> Measurements:
 
 
 def _measure_stops(record: AxisRecord, method: Method, settle: float | None) -> Measurements:
-    t, rate = record.t, record.rate
-    stops = split_stops(t, rate, record.table, vertical=record.vertical_rate, settle=settle)
+    t, rate, table = record.t, record.rate, record.table
+    notes: list[str] = []
+    if record.vertical_rate is not None:
+        table, notes = align_table(t, record.vertical_rate, table)
+    stops = split_stops(t, rate, table, vertical=record.vertical_rate, settle=settle)
     stops = replace(stops, angle=stops.angle + record.mounting_angle)
     direction = float(stops.angle[0])
     parts = max(1, min(8, TARGET_AVERAGES // len(stops)))
@@ -105,7 +109,7 @@ def _measure_stops(record: AxisRecord, method: Method, settle: float | None) -> 
     else:
         rates, cross = (_rates_along(stops, direction + quarter) for quarter in (0.0, np.pi / 2))
     elapsed = float(stops.t[-1, 1] - stops.t[0, 0])
-    return Measurements((averages,), (stops,), direction, rates, cross, stops.duration, elapsed)
+    return Measurements((averages,), (stops,), direction, rates, cross, stops.duration, elapsed, tuple(notes))
 
 
 def _check_rate(rate: Array) -> None:

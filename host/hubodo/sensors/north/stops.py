@@ -106,7 +106,7 @@ def split_stops(
     that the table was stationary. settle: time to cut at both ends, s; None estimates it from the
     transients. Raises InputError with the time if the table moved during a stop, and if there is no stop.
     """
-    spans = _stationary_spans(table)
+    spans = stationary_spans(table)
     step = float(np.median(np.diff(t)))
     indices = [(int(np.searchsorted(t, a)), int(np.searchsorted(t, b)), angle) for a, b, angle in spans]
     indices = [(i, j, angle) for i, j, angle in indices if (j - i) * step > 4 * MIN_STOP_CUT_S and j - i > 8]
@@ -149,7 +149,7 @@ def split_stops(
     )
 
 
-def _stationary_spans(table: TableMotion) -> list[tuple[float, float, float]]:
+def stationary_spans(table: TableMotion) -> list[tuple[float, float, float]]:
     """Return (start, end, angle) of each run of stationary rows.
 
     Raises InputError if the angle changes during a stop.

@@ -79,6 +79,18 @@ def test_a_late_clock_of_the_table_is_measured_where_the_turning_begins():
     assert any("steady turning cannot show" in text for text in steady.warnings)
 
 
+@pytest.mark.parametrize("lag", [0.8, -2.5, 4.0])
+def test_stops_of_a_table_with_another_clock_are_corrected_by_the_turns_that_the_gyro_measures(lag):
+    azimuth = np.radians(200)
+    result = estimate(FOUR, "maytag4", azimuth, lag=lag)
+    (note,) = (text for text in result.warnings if "against the node; corrected" in text)
+    assert f"is {abs(lag):.1f}" in note and ("late" if lag > 0 else "early") in note
+    assert len(result.stops[0]) == 8 and abs(wrap_angle(result.azimuth - azimuth)) < 3 * result.sigma
+    same = estimate(FOUR, "maytag4", azimuth)
+    assert abs(wrap_angle(result.azimuth - same.azimuth)) < result.sigma / 3
+    assert not any("against the node" in text for text in same.warnings)
+
+
 @pytest.mark.parametrize(
     "method, programme", [("carousel", Carousel(0.0, 60.0, 0.0, 20.0)), ("maytag4", FOUR)]
 )
