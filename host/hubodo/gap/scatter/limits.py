@@ -16,6 +16,8 @@ from hubodo.gap.state.terms import ALL, ModelTerm
 
 # Sigmas beyond which a prediction is no more believed: its error is not Gaussian.
 _MAX_PREDICTION_SIGMA = 20.0
+# Largest relative difference of two limits that are equal.
+_EQUAL_LIMITS = 1e-3
 _TRIAD_ROWS = (("gyro_saturation", slice(0, 3)), ("accel_saturation", slice(3, 6)))
 
 
@@ -23,17 +25,21 @@ def detect_limits(residuals: Sequence[Residual]) -> list[Proposal]:
     """Detect saturation: readings at the limit have the probability of the whole tail beyond it."""
     proposals = []
     for triad, (name, rows) in enumerate(_TRIAD_ROWS):
-        clipped = [
-            _examine_limit(residual, float(residual.node.saturation_limits[triad]), rows)
-            for residual in residuals
-            if np.isfinite(residual.node.saturation_limits[triad]) and BY_NAME[name] not in residual.effects
-        ]
+        candidates = [residual for residual in residuals if BY_NAME[name] not in residual.effects]
+        own = {residual.node.name: float(residual.node.saturation_limits[triad]) for residual in candidates}
+        clipped = [_examine_limit(r, own[r.node.name], rows) for r in candidates if own[r.node.name] < np.inf]
         step = max((one.step for one in clipped), default=0.0)
         proposals += [_propose(name, one.node, one.limit, one.gain, step) for one in clipped]
-        limits = [one.limit for one in clipped]
-        if len(clipped) == len(residuals) > 1 and np.ptp(limits) < 1e-3 * limits[0]:
-            gain = sum(one.gain for one in clipped)
-            proposals.append(_propose(name, ALL, float(np.mean(limits)), gain, step))
+        if not clipped or len(candidates) != len(residuals) or len(residuals) < 2:
+            continue
+        # Nodes of one kind have the same limit, which a single reading can show in another node.
+        common = clipped[0].limit
+        others = [residual for residual in candidates if own[residual.node.name] == np.inf]
+        is_equal = all(abs(one.limit - common) < _EQUAL_LIMITS * common for one in clipped)
+        if is_equal and all(_is_highest(residual, common, rows) for residual in others):
+            clipped += [_examine_limit(residual, common, rows, one_counts=True) for residual in others]
+            limit = float(np.mean([one.limit for one in clipped]))
+            proposals.append(_propose(name, ALL, limit, sum(one.gain for one in clipped), step))
     return [proposal for proposal in proposals if proposal.gain > 3.0]
 
 
@@ -47,11 +53,12 @@ class _Limit:
     gain: float
 
 
-def _examine_limit(residual: Residual, limit: float, rows: slice) -> _Limit:
+def _examine_limit(residual: Residual, limit: float, rows: slice, *, one_counts: bool = False) -> _Limit:
     """Return the limit of a triad with the gain of its clipped readings.
 
     A clipped reading has the probability of the tail beyond the limit, and without clipping that of one step
-    of the lattice there. One reading is the largest without any limit, too, and does not count.
+    of the lattice there. One reading is the largest without any limit, too, and does not count (one_counts:
+    unless the limit is that of another node).
     """
     at_limit = is_at_limit(residual.node.y[rows], limit) & residual.noise.is_new
     sigma, steps = residual.noise.sigma[rows], residual.node.lattice_steps[rows]
@@ -65,7 +72,14 @@ def _examine_limit(residual: Residual, limit: float, rows: slice) -> _Limit:
     below = np.unique(np.abs(residual.node.y[rows]))
     # The limit lies within the last step of the lattice.
     step = float(below[-1] - below[-2]) if len(below) > 1 else 0.0
-    return _Limit(residual.node.name, limit, step, float(gains.sum() - gains.max(initial=0.0)))
+    without_largest = 0.0 if one_counts else gains.max(initial=0.0)
+    return _Limit(residual.node.name, limit, step, float(gains.sum() - without_largest))
+
+
+def _is_highest(residual: Residual, limit: float, rows: slice) -> bool:
+    """Return True if the highest reading of a triad equals a limit."""
+    highest = np.abs(residual.node.y[rows]).max(initial=0.0)
+    return bool(is_at_limit(highest, limit) and is_at_limit(np.array(limit), highest))
 
 
 def _propose(name: str, scope: str, limit: float, gain: float, step: float) -> Proposal:

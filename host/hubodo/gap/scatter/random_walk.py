@@ -24,6 +24,9 @@ _STATIONARY_SIGMAS, _SLOW_NOISE_WINDOWS = np.geomspace(1e-5, 0.1, 32), (1.0, 2.0
 _MIN_GAIN_OVER_SLOW_NOISE = 2.0
 # Evidence deducted because a walk can imitate any slow drift.
 _DRIFT_PENALTY = 2.0
+# Time constants of smooth drifts, s, and the gain that such a drift in white noise must have over a walk,
+# which has fewer parameters.
+_DRIFT_TIMES, _MIN_SMOOTH_ADVANTAGE = np.geomspace(5.0, 640.0, 8), 4.0
 # Sigmas by which the innovations may differ from Gaussian white noise.
 _MAX_WHITENESS_SIGMA = 4.0
 # Largest share of windows that are bumps of the road, and how often they are searched.
@@ -52,6 +55,8 @@ def detect_random_walk(residuals: Sequence[Residual]) -> list[Proposal]:
         cost = parameter_cost(sum(len(node[0].mean) for node in nodes if node))
         is_step = sum(_step_evidence(node) for node in nodes) > gain - cost
         if gain < _MIN_RANDOM_WALK_GAIN or is_step or not _is_random_walk(regular, k, gain):
+            continue
+        if _gain_of_smooth_drift([axis for node in regular for axis in node]) > gain + _MIN_SMOOTH_ADVANTAGE:
             continue
         if _count_windows(regular) < (1.0 - _MAX_BUMP_SHARE) * _count_windows(nodes):
             continue
@@ -105,6 +110,23 @@ def _gain_of_slow_noise(axes: Sequence[AxisMeans]) -> float:
             for time in times
         )
     )
+
+
+def _gain_of_smooth_drift(axes: Sequence[AxisMeans]) -> float:
+    """Return the largest gain of a constant and an exponential per axis, with one time constant for all.
+
+    Where such a drift leaves white noise, as a warm-up does, its gain exceeds that of a walk, which also
+    follows noise.
+    """
+    return float(max(sum(_gain_of_exponential(axis, time) for axis in axes) for time in _DRIFT_TIMES))
+
+
+def _gain_of_exponential(axis: AxisMeans, time_constant: float) -> float:
+    times = np.concatenate([[0.0], np.cumsum(axis.steps)])
+    shapes = np.column_stack([np.ones(len(times)), np.exp(-times / time_constant)])
+    scale = 1.0 / np.sqrt(axis.variance)
+    basis, _ = np.linalg.qr(shapes * scale[:, None])
+    return float(0.5 * np.sum((basis.T @ (axis.mean * scale)) ** 2))
 
 
 def _is_random_walk(nodes: Sequence[Sequence[AxisMeans]], k: float, gain: float) -> bool:

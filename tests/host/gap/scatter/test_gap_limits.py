@@ -63,3 +63,24 @@ def test_a_limit_is_shared_by_all_nodes_only_if_it_is_equal():
         find_by_scope(proposals_of_two, "left").gain + find_by_scope(proposals_of_two, "right").gain
     )
     assert [it.term.scope for it in detect_limits(residuals)] == ["left", "right", "third"]
+
+
+@pytest.mark.parametrize(("highest", "scopes"), [(8.0, {"left", "all"}), (7.9, {"left"}), (8.3, {"left"})])
+def test_one_reading_of_another_node_at_the_limit_shows_that_both_have_it(highest, scopes):
+    """The gain of `all` is that of the node with many readings there, and of that one reading."""
+    clean, y = draw_readings(np.random.default_rng(1))
+    left = np.concatenate([y[:3], np.clip(y[3:], -8.0, 8.0)])
+    right = np.concatenate([y[:3], 0.7 * y[3:]])
+    right[3, 700] = highest
+    assert np.count_nonzero(np.abs(right[3:]) >= 7.9) == 1
+    residuals = [
+        build_residual(left, clean, name="left", limits=(np.inf, 8.0)),
+        build_residual(right, np.concatenate([clean[:3], 0.7 * clean[3:]]), name="right"),
+    ]
+    proposals = detect_limits(residuals)
+    assert {it.term.scope for it in proposals} == scopes
+    if "all" in scopes:
+        distance = (8.0 - 0.7 * clean[3, 700]) / SIGMA[3, 0]
+        one = float(norm.logsf(min(distance, 20.0)) - norm.logpdf(min(distance, 20.0)) - np.log(1e-3))
+        gain = find_by_scope(proposals, "left").gain
+        assert find_by_scope(proposals, "all").gain == pytest.approx(gain + one)

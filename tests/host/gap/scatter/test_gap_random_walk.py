@@ -7,7 +7,15 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
-from gap_residuals import SEEDS, SIGMA, WINDOW, build_residual, draw_readings, draw_readings_with_walk
+from gap_residuals import (
+    RATE_HZ,
+    SEEDS,
+    SIGMA,
+    WINDOW,
+    build_residual,
+    draw_readings,
+    draw_readings_with_walk,
+)
 from hubodo.gap.process_noise.wheel_phase import window_boundaries
 from hubodo.gap.scatter.random_walk import _refine_peak, detect_random_walk
 
@@ -126,3 +134,23 @@ def test_a_likelihood_without_a_peak_has_a_sigma_of_100_percent():
     """A likelihood that rises to the end of the grid yields the last but one, and sigma equal to it."""
     grid = np.geomspace(0.01, 0.3, 12)
     assert _refine_peak(np.exp(grid / 0.3), grid) == (grid[-2], grid[-2])
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_drift_that_settles_is_not_detected_as_a_random_walk(seed):
+    """A walk follows a warm-up by as many nats as noise; an exponential leaves white noise."""
+    clean, y = draw_readings(np.random.default_rng(seed), 3000)
+    t = np.arange(y.shape[1]) / RATE_HZ
+    y[:3] += np.array([[0.006], [-0.004], [0.003]]) * (1.0 - np.exp(-t / 20.0))
+    assert detect_random_walk([build_residual(y, clean)]) == []
+
+
+def test_a_random_walk_is_detected_beside_a_drift_that_settles_in_most_logs():
+    n_detected = 0
+    for seed in range(12):
+        clean, y = draw_readings_with_walk(np.random.default_rng([seed, 5]), 0.002)
+        t = np.arange(y.shape[1]) / RATE_HZ
+        y[:3] += np.array([[0.003], [-0.002], [0.0015]]) * (1.0 - np.exp(-t / 20.0))
+        n_detected += len(detect_random_walk([build_residual(y, clean)]))
+    print(f"seeds [0..11, 5]: {n_detected} of 12")
+    assert n_detected >= 11
