@@ -27,6 +27,7 @@ from hubodo.gap.process_noise.residual import Residual, WalkSteps
 from hubodo.gap.process_noise.segments import (
     BLOCK_WINDOWS,
     Segment,
+    find_standing_windows,
     split_segments,
     window_edges,
     window_grid,
@@ -167,6 +168,7 @@ class Evaluation:
                 compute_noise_columns(state, node, noises, segment.window_starts),
                 noise_indices(noises, node),
                 None if correlation is None else correlation.whitening,
+                find_standing_windows(node, segment.edges[node.name]),
             )
 
     def weigh(self, node: NodeData, samples: slice = slice(None)) -> Array:

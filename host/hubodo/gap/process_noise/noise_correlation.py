@@ -18,7 +18,7 @@ from hubodo.arrays import Array
 from hubodo.gap.problem.problem import NodeData
 from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.process_noise.process_noise import compute_carrier
-from hubodo.gap.process_noise.segments import window_edges, window_grid
+from hubodo.gap.process_noise.segments import find_standing_windows, window_edges, window_grid
 from hubodo.gap.process_noise.slow_noise import SlowComponent, estimate_slow_noise
 from hubodo.gap.process_noise.weights import Carrier, NoiseCorrelation, SlowNoise
 from hubodo.gap.process_noise.wheel_phase import WINDOW_DURATION
@@ -62,21 +62,22 @@ def _estimate_correlation(z: Array, evaluation: Evaluation, node: NodeData) -> N
         return None
     shapes = _list_effect_shapes(evaluation.state, node)
     sigmas = np.median(evaluation.weights.noise[node.name].sigma, axis=1)
-    whitening, evidence = np.tile(np.eye(windows.length), (6, 1, 1)), 0.0
+    whitening, evidence = np.tile(np.eye(windows.length), (2, 6, 1, 1)), 0.0
     slow_noise: list[SlowNoise] = []
     for row in np.flatnonzero(is_sufficient).tolist():
         noise = _remove_shapes(z[row], shapes)
-        if not noise.any():
+        standing = np.where(windows.is_sample_standing, noise, 0.0)
+        if np.count_nonzero(standing) >= _MIN_WINDOWS * windows.length:
+            whitening[1, row], _, gain = _whiten(standing, windows.length)
+            evidence += gain
+        noise = np.where(windows.is_sample_standing, 0.0, noise)
+        if np.count_nonzero(noise) < _MIN_WINDOWS * windows.length:
             continue
-        covariance = toeplitz(_compute_autocovariance(noise, windows.length, int(counts[row])))
-        whitening[row] = _invert_factor(covariance)
-        evidence += _compute_evidence(float(covariance[0, 0]), whitening[row], int(counts[row]))
-        components = estimate_slow_noise(
-            windows.stack(noise), windows.carriers, windows.is_turning, whitening[row]
-        )
-        components, slow_covariance = _limit_slow_noise(components, whitening[row], windows)
-        if components:
-            whitening[row] = _invert_factor(covariance - slow_covariance)
+        white, covariance, gain = _whiten(noise, windows.length)
+        evidence += gain
+        components = estimate_slow_noise(windows.stack(noise), windows.carriers, windows.is_turning, white)
+        components, slow_covariance = _limit_slow_noise(components, white, windows)
+        whitening[0, row] = _invert_factor(covariance - slow_covariance) if components else white
         slow_noise += [
             SlowNoise(row, _CARRIERS[one.carrier], one.sigma * float(sigmas[row]), one.correlation_time)
             for one in components
@@ -92,6 +93,7 @@ class _Windows:
     is_inside: (K, M), False for these places
     carriers: (3, K, M) waves of the wheel angle, zero beyond the end
     is_turning: (K,), True if the wheel turns fast enough to tell the waves apart
+    is_sample_standing: (N,), True for the samples of windows in which the wheel stands
     spins: (S,) rad/s, typical ones of a turning wheel; empty for a node on the body
     period: s, of the samples
     """
@@ -100,6 +102,7 @@ class _Windows:
     is_inside: NDArray[np.bool_]
     carriers: Array
     is_turning: NDArray[np.bool_]
+    is_sample_standing: NDArray[np.bool_]
     spins: Array
     period: float
 
@@ -132,7 +135,8 @@ class _Windows:
             np.quantile(mean_spin[is_turning], np.linspace(0.05, 0.95, _N_SPINS)) if is_turning.any() else []
         )
         period = float(np.median(np.diff(node.t)))
-        return _Windows(indices, is_inside, np.array(waves), is_turning, np.array(spins), period)
+        is_standing = np.repeat(find_standing_windows(node, edges), np.diff(edges))
+        return _Windows(indices, is_inside, np.array(waves), is_turning, is_standing, np.array(spins), period)
 
 
 def _limit_slow_noise(
@@ -154,6 +158,14 @@ def _limit_slow_noise(
     factor = min(1.0, _MAX_SLOW_SHARE / max(largest, 1e-12))
     scaled = [replace(one, sigma=one.sigma * float(np.sqrt(factor))) for one in components]
     return scaled, factor * covariance
+
+
+def _whiten(noise: Array, length: int) -> tuple[Array, Array, float]:
+    """Return whitening and covariance, (M, M) each, of the noise of a channel, and ln evidence for them."""
+    count = int(np.count_nonzero(noise))
+    covariance = toeplitz(_compute_autocovariance(noise, length, count))
+    whitening = _invert_factor(covariance)
+    return whitening, covariance, _compute_evidence(float(covariance[0, 0]), whitening, count)
 
 
 def _invert_factor(covariance: Array) -> Array:

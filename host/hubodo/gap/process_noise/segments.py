@@ -12,6 +12,8 @@ from hubodo.arrays import Array
 from hubodo.gap.problem.problem import NodeData, Problem
 from hubodo.gap.process_noise.wheel_phase import WINDOW_DURATION
 
+# rad/s; mean spin of a window below which the wheel stands.
+_STANDING_SPIN = 0.5
 # Windows per block of scores, longer than any remaining correlation.
 BLOCK_WINDOWS = 8
 # Blocks in one segment.
@@ -64,6 +66,12 @@ def window_edges(grid: Array, node: NodeData) -> NDArray[np.intp]:
 def window_indices(grid: Array, t: Array) -> NDArray[np.intp]:
     """Return the window that contains each time, (N,)."""
     return np.clip(np.searchsorted(grid, t, side="right") - 1, 0, None)
+
+
+def find_standing_windows(node: NodeData, edges: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Return a mask of the windows, (K,), in which a wheel stands; nowhere for a node on the body."""
+    spin = np.abs(node.y[2, : edges[-1]])
+    return np.asarray(node.on_wheel & (window_means(spin, edges) < _STANDING_SPIN))
 
 
 def window_means(value: Array, edges: NDArray[np.intp]) -> Array:

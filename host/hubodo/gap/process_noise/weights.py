@@ -41,8 +41,8 @@ class SlowNoise:
 class NoiseCorrelation:
     """Correlation of the noise of one node.
 
-    whitening: lower triangular matrices, (6, M, M), that make the noise of each channel white within a window
-        of up to M samples
+    whitening: lower triangular matrices, (2, 6, M, M), that make the noise of each channel white within a
+        window of up to M samples: of a wheel that turns, and of one that stands
     slow_noise: noise that is correlated from window to window, which `whitening` leaves out
     """
 

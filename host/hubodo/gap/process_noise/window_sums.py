@@ -62,6 +62,7 @@ class NodeSegment:
     noise_columns: (C, 6, N), change of the channels per unit of each walk that acts on the node
     noise_indices: (C,) positions of these walks
     whitening: as in `NoiseCorrelation`; None in white noise
+    is_standing: (K,), True for windows in which the wheel stands; needed with `whitening`
     """
 
     edges: NDArray[np.intp]
@@ -72,6 +73,7 @@ class NodeSegment:
     noise_columns: Array
     noise_indices: Sequence[int]
     whitening: Array | None = None
+    is_standing: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True)
@@ -167,7 +169,11 @@ class WindowSums:
                 padded[is_present] = rows
                 rows = padded
             if segment.whitening is not None:
-                rows = _whiten_rows(rows.reshape(-1, longest, 6, width), segment.whitening)
+                assert segment.is_standing is not None
+                rows = rows.reshape(-1, longest, 6, width)
+                for standing, whitening in enumerate(segment.whitening):
+                    chosen = segment.is_standing[windows_of_chunk] == bool(standing)
+                    rows[chosen] = _whiten_rows(rows[chosen], whitening)
             yield (
                 windows_of_chunk,
                 rows.reshape(windows_of_chunk.stop - windows_of_chunk.start, 6 * longest, width),
