@@ -130,6 +130,15 @@ def _warmup(z: float, time_constant: float) -> Callable[[Array, np.random.Genera
     return change
 
 
+def _walk(k: float) -> Callable[[Array, np.random.Generator], Array]:
+    def change(rows: Array, rng: np.random.Generator) -> Array:
+        steps = np.sqrt(np.diff(rows[0], prepend=rows[0, 0]))
+        rows[1:4] += np.cumsum(k * steps * rng.standard_normal((3, len(steps))), axis=1)
+        return rows
+
+    return change
+
+
 def _clip(first: int, limit: float) -> Callable[[Array, np.random.Generator], Array]:
     def change(rows: Array, rng: np.random.Generator) -> Array:
         rows[first : first + 3] = np.clip(rows[first : first + 3], -limit, limit)
@@ -224,6 +233,7 @@ def injections(top_rate: float, gyro_noise: float, accel_noise: float) -> list[I
         )
         add("gyro_g_sensitivity", _g_sensitivity(0.002 * k, 0.0, 0.001 * k), x=0.002 * k)
         add("gyro_warmup", _warmup(0.03 * k, 30.0), z=0.03 * k, time_constant=30.0)
+        add("gyro_rate_random_walk", _walk(0.003 * k), k=0.003 * k)
         add("gyro_saturation", _clip(1, top_rate * (1.0 - 0.08 * k)), limit=top_rate * (1.0 - 0.08 * k))
         add("gyro_quantization", _round(0.1 * k), step=0.1 * k)
         add("sample_repeat", _repeat(0.04 * k), probability=0.04 * k)
