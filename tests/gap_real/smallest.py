@@ -21,7 +21,8 @@ from car import DELAY_EFFECTS, read_drive  # noqa: E402
 from real import DRIVES, Case, find_injection, list_cases  # noqa: E402
 
 from hubodo.effects import BY_NAME  # noqa: E402
-from hubodo.gap.judge.hypothesis import MIN_CORRELATED_GAIN, Hypothesis  # noqa: E402
+from hubodo.gap.judge.demands import MIN_CORRELATED_GAIN  # noqa: E402
+from hubodo.gap.judge.hypothesis import Hypothesis  # noqa: E402
 from hubodo.gap.judge.round import EMPIRICAL, judge_round  # noqa: E402
 from hubodo.gap.judge.search import build_initial_state  # noqa: E402
 from hubodo.gap.problem.build import build_problem  # noqa: E402

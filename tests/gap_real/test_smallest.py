@@ -4,7 +4,8 @@ import pytest
 from smallest import demanded_gain
 
 from hubodo.effects import BY_NAME
-from hubodo.gap.judge.hypothesis import MIN_CORRELATED_GAIN, Hypothesis
+from hubodo.gap.judge.demands import MIN_CORRELATED_GAIN
+from hubodo.gap.judge.hypothesis import Hypothesis
 from hubodo.gap.refit.cross_validation import HeldOutGain
 from hubodo.gap.state.terms import ModelTerm
 

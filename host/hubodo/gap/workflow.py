@@ -11,10 +11,11 @@ from hubodo.gap.explain.finding import build_finding
 from hubodo.gap.explain.missing_effects import MissingEffects
 from hubodo.gap.explain.result import BeforeAfter, Finding, Verdict, split_by_channel
 from hubodo.gap.explain.unexplained import list_unexplained
+from hubodo.gap.judge.chance_effects import drop_chance_effects
 from hubodo.gap.judge.held_out import HeldOutResidual, HeldOutSplit, measure_held_out, split_held_out
 from hubodo.gap.judge.journal import Journal
-from hubodo.gap.judge.reconsider import RoundsByKey, drop_chance_effects, reconsider_effects
-from hubodo.gap.judge.round import ReportProgress
+from hubodo.gap.judge.reconsider import reconsider_effects
+from hubodo.gap.judge.round import ReportProgress, RoundsByKey
 from hubodo.gap.judge.search import SearchObserver, SearchResult, build_initial_state, search_effects
 from hubodo.gap.judge.small_effects import search_small_effects
 from hubodo.gap.problem.build import build_problem
@@ -79,8 +80,10 @@ def find_problem_gap(
     observer = SearchObserver(journal or Journal(), report_progress, results.append)
     try:
         results.append(search_effects(initial_state, accept, reject, observer))
-        results.append(search_small_effects(results[-1], reject, observer))
         result, rounds = reconsider_effects(results[-1], accept, reject, observer)
+        results += [result, search_small_effects(result, reject, observer)]
+        # Without a large effect, weights with the correlation of the noise would take it for noise.
+        result, rounds = reconsider_effects(results[-1], accept, reject, observer, rounds)
         result, rounds = drop_chance_effects(result, rounds, accept)
         # What is measured and written has the given effects as they are in the model file.
         initial_state = initial_state.with_terms(hold_given(initial_state.terms))

@@ -27,7 +27,8 @@ from gap_matrix.judge.resumed import Row, compute_rows
 from gap_matrix.judge.tables import format_share
 from gap_matrix.judge.trial_rows import judge_trial
 from gap_matrix.judge.trials import draw_trial
-from hubodo.gap.judge.reconsider import drop_chance_effects, reconsider_effects
+from hubodo.gap.judge.chance_effects import drop_chance_effects
+from hubodo.gap.judge.reconsider import reconsider_effects
 from hubodo.gap.judge.search import build_initial_state, search_effects
 from hubodo.gap.problem.build import build_problem
 from hubodo.log.csv_folder import read_folder

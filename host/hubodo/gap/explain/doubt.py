@@ -9,17 +9,18 @@ import numpy as np
 from hubodo.effects.empirical import PREFIX
 from hubodo.effects.plausibility import implausible_parameters
 from hubodo.gap.explain.result import Estimate
-from hubodo.gap.judge.hypothesis import MIN_CORRELATED_TEMPERING, UNHELPFUL, Hypothesis
+from hubodo.gap.judge.demands import MIN_CORRELATED_TEMPERING
+from hubodo.gap.judge.hypothesis import UNHELPFUL, Hypothesis
 from hubodo.gap.judge.posterior import MAX_SIMILAR_GAIN
-from hubodo.gap.judge.reconsider import RoundsByKey
+from hubodo.gap.judge.round import RoundsByKey
 from hubodo.gap.judge.search import SearchResult
 from hubodo.gap.refit.linear_fit import Refit
 from hubodo.gap.state.terms import ALL, ModelTerm
 
 # An unnamed term on the same nodes that gains this many times as much can imitate an effect.
 _MIN_UNNAMED_GAIN_RATIO = 1.0
-# -ln probability, by the jackknife, below which the parts of a log do not agree on an effect.
-_MIN_CONSISTENT_SURPRISE = 5.0
+# Sigmas, by the jackknife, below which the parts of a log do not agree on an effect.
+_MIN_AGREEMENT_SIGMAS = 3.0
 # Blocks of some four seconds that show the correlation of uneven noise; half a drive has 16. With fewer,
 # an effect must gain this many sigma of the level of the noise.
 _MIN_UNEVEN_BLOCKS, _MIN_LEVEL_SIGMAS = 12, 3.0
@@ -88,7 +89,7 @@ def _is_inconsistent(own: Hypothesis | None) -> bool:
 
     A warm-up follows a random walk of the bias, but without any part of it, the others give another warm-up.
     """
-    return own is not None and own.held_out_gain is not None and own.surprise < _MIN_CONSISTENT_SURPRISE
+    return own is not None and own.held_out_gain is not None and own.agreement_sigmas < _MIN_AGREEMENT_SIGMAS
 
 
 def _is_overshadowed(term: ModelTerm, result: SearchResult, rounds: RoundsByKey) -> bool:

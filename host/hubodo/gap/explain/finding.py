@@ -15,7 +15,7 @@ from hubodo.gap.explain.doubt import is_doubted
 from hubodo.gap.explain.result import BeforeAfter, Estimate, Finding
 from hubodo.gap.judge.hypothesis import Hypothesis
 from hubodo.gap.judge.posterior import MAX_SIMILAR_GAIN, sum_by_name
-from hubodo.gap.judge.reconsider import RoundsByKey
+from hubodo.gap.judge.round import RoundsByKey
 from hubodo.gap.judge.search import SearchResult
 from hubodo.gap.process_noise.residual import Residual, compute_gap
 from hubodo.gap.refit.linear_fit import Refit

@@ -7,21 +7,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from hubodo.effects.empirical import PREFIX
-from hubodo.gap.judge.hypothesis import (
+from hubodo.gap.judge.demands import (
     CONSISTENT_SURPRISE,
-    DOUBTFUL_LEVEL,
     MIN_CORRELATED_GAIN,
     MIN_CORRELATED_TEMPERING,
     MIN_HELD_OUT_Z,
-    Hypothesis,
 )
+from hubodo.gap.judge.hypothesis import DOUBTFUL_LEVEL, Hypothesis
 from hubodo.gap.refit.cross_validation import compare_gains
 from hubodo.gap.refit.prune import MODEL_IMPRECISION
 from hubodo.gap.state.terms import ALL
 
 # Chosen, and judged together with the other settings of the search, by `make gap-matrix`.
-# Ratio of the gain of a random walk to that of an effect with few parameters, up to which it is that effect.
-_MIN_WALK_RATIO = 1.03
 # Ratio of the gain of an unnamed term to that of the best listed effect, below which it is that effect: in
 # independent and in correlated residuals.
 _MIN_UNNAMED_ADVANTAGE = (1.2, 2.0)
@@ -143,21 +140,14 @@ def object_to_walks(hypotheses: Sequence[Hypothesis], tempering: float) -> list[
     """Reject random walks that gain no more than an effect on which the parts of the log agree.
 
     Where residuals are correlated, a walk follows an error that turns with the wheel as well as noise. A walk
-    would not give the same misalignment in each part. Nor is it a walk what an effect with a few parameters
-    explains up to a few percent, such as a warm-up: the walk follows slow noise besides.
+    would not give the same misalignment in each part.
     """
     if tempering <= MIN_CORRELATED_TEMPERING:
         return list(hypotheses)
-    valid = [one for one in hypotheses if not one.objection]
-    steady = [one.gain for one in valid if one.surprise >= CONSISTENT_SURPRISE]
-    few = [
-        _MIN_WALK_RATIO * one.gain
-        for one in valid
-        if one.held_out_gain is not None and not one.term.effect.name.startswith(PREFIX)
-    ]
-    best_gain = max([*steady, *few], default=0.0)
+    steady = [one.gain for one in hypotheses if not one.objection and one.surprise >= CONSISTENT_SURPRISE]
+    best_gain = max(steady, default=0.0)
     return [
-        one.with_objection("gains no more than an effect with a few parameters")
+        one.with_objection("gains no more than an effect on which the parts of the log agree")
         if one.term.effect.random_walk_variance_rate() > 0.0 and one.gain < best_gain
         else one
         for one in hypotheses

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,9 +9,18 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.effects.empirical import PREFIX
 from hubodo.effects.plausibility import implausible_parameters
+from hubodo.gap.judge.demands import (
+    MIN_WHITENED_GAIN,
+    apply_jackknife,
+    chance_gain,
+    doubtful_gain,
+    helps_held_out,
+    is_steady_when_whitened,
+    is_within_level,
+)
 from hubodo.gap.refit.cross_validation import HeldOutGain, compute_held_out_gain
 from hubodo.gap.refit.linear_fit import Refit
-from hubodo.gap.refit.prune import MODEL_IMPRECISION, count_determined, given_coordinates
+from hubodo.gap.refit.prune import MODEL_IMPRECISION, count_determined
 from hubodo.gap.refit.refit import compute_gain
 from hubodo.gap.scatter import Proposal
 from hubodo.gap.screen.evidence import USUAL_SCALE, compute_log_evidence
@@ -25,25 +33,6 @@ from hubodo.gap.state.terms import ModelTerm
 # Gain of a refit is limited to this many times that of the linear model plus this ln likelihood: more comes
 # from another optimum than the candidate's own. Chosen; judged by `make gap-matrix`.
 _MAX_GAIN_RATIO, _MAX_EXTRA_GAIN = 20.0, 20.0
-# Held-out gain, in sigma and as a share of the gain, that a hypothesis needs where residuals are correlated;
-# in white noise the likelihood suffices.
-MIN_HELD_OUT_Z, _MIN_HELD_OUT_SHARE = 2.5, 0.3
-# Smallest held-out gain of a property of the vehicle, in sigma due to a noise level that varies along the
-# road. There is no such limit for offsets and clocks, which differ from drive to drive. The larger value is
-# for unnamed terms; the smaller one grows with the coordinates beyond those of a triad.
-_MIN_LEVEL_SIGMAS, _MIN_LEVEL_SIGMAS_UNNAMED, _TRIAD_SIZE = 0.45, 1.3, 3
-# Smallest gain of an effect that a varying noise level could produce where residuals are correlated, in ln
-# likelihood, tempered: the mean of a real sensor's noise, which differs with the spin, imitates effects.
-MIN_CORRELATED_GAIN, MIN_CORRELATED_TEMPERING = 45.0, 3.0
-# The same under weights with the correlation of the noise, whatever the tempering. An effect also needs this
-# -ln probability by the jackknife there, nominally that of the largest of 60 candidates in one of 200 logs,
-# and this many sigma of its gain on held-out samples.
-_MIN_WHITENED_GAIN, _MIN_WHITENED_SURPRISE, _MIN_WHITENED_Z = 30.0, 9.5, 8.0
-# -ln probability, by the jackknife, up to which that gain is demanded in full, and from which on it is not:
-# in the noise of real drives without an effect, the most surprising of 60 candidates has a median of 7 nats.
-_CHANCE_SURPRISE, _CERTAIN_SURPRISE = 8.0, 16.0
-# Surprise from which on the estimates of an effect from parts of the log agree: one null drive in 60 has it.
-CONSISTENT_SURPRISE = 12.0
 # Smallest share of the gain that the plausible coordinates of an effect must have alone.
 _MIN_PLAUSIBLE_SHARE = 0.5
 # ln Bayes factor of a hypothesis with an objection: too little for any prior.
@@ -78,7 +67,7 @@ class Baseline:
         surprise: as in `chance_gain`; only white weights demand less of a large one
         """
         if self.is_whitened:
-            return _MIN_WHITENED_GAIN * self.tempering
+            return MIN_WHITENED_GAIN * self.tempering
         return chance_gain(self.tempering, surprise)
 
 
@@ -95,6 +84,7 @@ class Hypothesis:
     objection: why it cannot be added despite its gain; "" if nothing speaks against it
     n_determined, determined_gain: number of coordinates that the log determines, and the gain of these alone
     surprise: -ln of the probability of its estimate without the effect, by the jackknife
+    agreement_sigmas: estimate in units of the scatter of the estimates from parts of the log
     """
 
     term: ModelTerm
@@ -108,6 +98,7 @@ class Hypothesis:
     n_determined: int = 0
     determined_gain: float = 0.0
     surprise: float = 0.0
+    agreement_sigmas: float = 0.0
 
     @property
     def key(self) -> tuple[str, str]:
@@ -148,19 +139,6 @@ class Hypothesis:
         return null_distribution.p_value(self.gain, len(self.term.effect.coordinates()))
 
 
-def is_within_level(term: ModelTerm, gain: HeldOutGain) -> bool:
-    """Return True if a varying noise level could produce the held-out gain of a term."""
-    return gain.total < doubtful_gain(term, gain)
-
-
-def doubtful_gain(term: ModelTerm, gain: HeldOutGain) -> float:
-    """Return the held-out gain of a term that a varying noise level could produce."""
-    is_unnamed = term.effect.name.startswith(PREFIX)
-    size_ratio = max(len(term.effect.coordinates()) / _TRIAD_SIZE, 1.0)
-    sigmas = _MIN_LEVEL_SIGMAS_UNNAMED if is_unnamed else _MIN_LEVEL_SIGMAS * math.sqrt(size_ratio)
-    return min(sigmas * gain.level_sigma, gain.max_doubt)
-
-
 def judge_effect(baseline: Baseline, screened: ScreenedCandidate, after: Refit) -> Hypothesis:
     """Judge an effect that was screened and refitted."""
     term = next(term for term in after.free_terms if term.key == screened.candidate.term.key)
@@ -174,14 +152,14 @@ def judge_proposal(baseline: Baseline, proposal: Proposal, walk_refit: Refit | N
 
     A random walk is judged by its refit like other effects, with free wheel angles, and must gain what is
     demanded of a drift on which the parts of the log disagree. The bank of a road follows any slow noise of
-    the accelerometers across, so that it must gain more than that does.
+    the accelerometers across, so that it is none where the weights contain such noise.
     """
     gain = proposal.gain if walk_refit is None else compute_gain(baseline.fit, walk_refit)
     tempering = 1.0 if proposal.is_exact else baseline.tempering
     evidence = gain / tempering - (proposal.gain - proposal.evidence)
     hypothesis = Hypothesis(proposal.term, gain, evidence, 0.0, None, proposal)
     is_bank = proposal.term.effect.bank_process()[0] > 0.0
-    if baseline.is_whitened and is_bank and gain < MIN_CORRELATED_GAIN * baseline.tempering:
+    if baseline.is_whitened and is_bank:
         return hypothesis.with_objection(_DOUBTFUL_CORRELATION)
     if walk_refit is not None and not is_bank and gain < baseline.chance_gain():
         return hypothesis.with_objection(_DOUBTFUL_CORRELATION)
@@ -204,16 +182,17 @@ def _weigh_objections(
     held_out_gain = compute_held_out_gain(baseline.fit.fold_deviances, after.fold_deviances)
     state = after.evaluation.without_cache().state
     count, loss = count_determined(after, term, tempering, baseline.added_gain + gain)
-    surprise = compute_surprise(after, term.key)
+    jackknife = apply_jackknife(after, term.key)
+    surprise = jackknife.surprise
     hypothesis = Hypothesis(
-        term, gain, evidence, 0.0, state, None, held_out_gain, "", count, gain - loss, surprise
+        *(term, gain, evidence, 0.0, state, None, held_out_gain, "", count, gain - loss),
+        *(surprise, jackknife.agreement_sigmas),
     )
     if _plausible_share(term, after) < _MIN_PLAUSIBLE_SHARE:
         return hypothesis.with_objection(_describe_implausible(term, after))
     if not helps_held_out(gain, held_out_gain, tempering):
         return hypothesis.with_objection(UNHELPFUL)
-    is_steady = surprise >= _MIN_WHITENED_SURPRISE and held_out_gain.z >= _MIN_WHITENED_Z
-    if baseline.is_whitened and not is_steady:
+    if baseline.is_whitened and not is_steady_when_whitened(surprise, held_out_gain):
         return hypothesis.with_objection(_INCONSISTENT)
     demanded = held_out_gain
     if not term.effect.name.startswith(PREFIX):
@@ -265,32 +244,6 @@ def _describe_implausible(term: ModelTerm, after: Refit) -> str:
     value, unit = term.effect.values()[name], term.effect.unit(name)
     limit = f"{name} = {value:.2g} {unit} at its limit of ±{bound:.2g}"
     return f"not physical: {limit}; another cause looks like this"
-
-
-def helps_held_out(gain: float, held_out_gain: HeldOutGain, tempering: float) -> bool:
-    """Return True if a term gains more on held-out samples than correlated residuals do by chance."""
-    correlated_share = 1.0 - 1.0 / tempering
-    return (
-        held_out_gain.z >= MIN_HELD_OUT_Z * correlated_share
-        and held_out_gain.total >= _MIN_HELD_OUT_SHARE * correlated_share * gain
-    )
-
-
-def compute_surprise(fit: Refit, key: tuple[str, str]) -> float:
-    """Return -ln of the probability of an estimate if the effect is as in the model file, or absent."""
-    term = next(term for term in fit.free_terms if term.key == key)
-    return fit.compute_surprise(term, given_coordinates(fit, term))
-
-
-def chance_gain(tempering: float, surprise: float = 0.0) -> float:
-    """Return the gain on held-out samples that correlated residuals produce by chance under white weights.
-
-    surprise: -ln of the probability of the estimate without the effect, by the jackknife
-    """
-    if tempering <= MIN_CORRELATED_TEMPERING:
-        return 0.0
-    share = (_CERTAIN_SURPRISE - surprise) / (_CERTAIN_SURPRISE - _CHANCE_SURPRISE)
-    return MIN_CORRELATED_GAIN * tempering * min(max(share, 0.0), 1.0)
 
 
 def _limit_gain(gain: float, promised: float) -> float:

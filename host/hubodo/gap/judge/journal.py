@@ -36,7 +36,9 @@ from hubodo.model.model_file import Model
 from hubodo.model.model_text import model_toml
 from hubodo.recording import Recording
 
-_JOURNAL_VERSION = 5
+_JOURNAL_VERSION = 6
+# Numbers of a hypothesis that the journal stores.
+_NUMBERS = ("gain", "evidence", "probability", "surprise", "agreement_sigmas")
 
 
 class Journal:
@@ -147,7 +149,13 @@ def _hypothesis_to_json(hypothesis: Hypothesis) -> dict[str, Any]:
     proposal = hypothesis.proposal
     return {
         "term": _term_to_json(hypothesis.term),
-        "numbers": [hypothesis.gain, hypothesis.evidence, hypothesis.probability, hypothesis.surprise],
+        "numbers": [
+            hypothesis.gain,
+            hypothesis.evidence,
+            hypothesis.probability,
+            hypothesis.surprise,
+            hypothesis.agreement_sigmas,
+        ],
         "state": None if hypothesis.state is None else _state_to_json(hypothesis.state),
         "held_out": None if hypothesis.held_out_gain is None else list(astuple(hypothesis.held_out_gain)),
         "objection": hypothesis.objection,
@@ -187,17 +195,13 @@ def _round_from_json(entry: Mapping[str, Any], point: Evaluation) -> Round:
 def _hypothesis_from_json(entry: Mapping[str, Any], point: Evaluation) -> Hypothesis:
     term, state, proposal = _term_from_json(entry["term"]), entry["state"], entry["proposal"]
     held_out = entry["held_out"]
-    gain, evidence, probability, surprise = entry["numbers"]
     return Hypothesis(
         term,
-        gain,
-        evidence,
-        probability,
-        None if state is None else _state_from_json(state, point),
-        None if proposal is None else Proposal(term, *proposal),
-        None if held_out is None else HeldOutGain(*held_out),
-        entry["objection"],
-        surprise=surprise,
+        state=None if state is None else _state_from_json(state, point),
+        proposal=None if proposal is None else Proposal(term, *proposal),
+        held_out_gain=None if held_out is None else HeldOutGain(*held_out),
+        objection=entry["objection"],
+        **dict(zip(_NUMBERS, entry["numbers"], strict=True)),
     )
 
 

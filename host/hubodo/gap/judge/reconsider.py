@@ -1,23 +1,14 @@
-"""Reconsideration: each added effect is judged again with all others in the model, and against chance."""
+"""Reconsideration: each added effect is judged again with all others in the model."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
-from math import log
 
-from hubodo.effects import count_fitted_effects
 from hubodo.effects.empirical import PREFIX
-from hubodo.gap.judge.hypothesis import (
-    CONSISTENT_SURPRISE,
-    MIN_CORRELATED_TEMPERING,
-    Hypothesis,
-    chance_gain,
-    helps_held_out,
-    is_within_level,
-)
-from hubodo.gap.judge.round import EMPIRICAL, MIN_ADD_PROBABILITY, Round
+from hubodo.gap.judge.round import EMPIRICAL, Round, RoundsByKey
 from hubodo.gap.judge.search import SearchObserver, SearchResult
+from hubodo.gap.judge.walk_replacement import replace_walk
 from hubodo.gap.refit.linear_fit import Refit
 from hubodo.gap.refit.refit import compute_gain, refit, refit_with_weights
 from hubodo.gap.state.state import State
@@ -28,13 +19,8 @@ _MAX_REPLACEMENTS = 6
 # With more effects than this, only those are reconsidered that were added provisionally, lost half of their
 # gain, were added next to an effect that has been removed since, or are library terms: each costs one round.
 _MAX_FULL_RECONSIDERATION, _MIN_GAIN_SHARE = 4, 0.5
-# Largest number of effects that are tried together instead of a random walk.
-_MAX_WALK_REPLACEMENTS = 3
 # Start and fraction of the reported progress for this step.
 _RECONSIDER_PROGRESS_START, _RECONSIDER_PROGRESS_SHARE = 0.75, 0.15
-
-RoundsByKey = Mapping[tuple[str, str], Round]
-"""The round that judged each effect and scope."""
 
 
 def reconsider_effects(
@@ -42,6 +28,7 @@ def reconsider_effects(
     accept: Collection[str] = (),
     reject: Collection[str] = (),
     observer: SearchObserver | None = None,
+    settled: RoundsByKey | None = None,
 ) -> tuple[SearchResult, RoundsByKey]:
     """Remove each effect in turn and search again with all others in the model.
 
@@ -49,10 +36,13 @@ def reconsider_effects(
 
     accept: effects that are never removed
     reject: effects not considered
+    settled: effects that are not reconsidered, with the rounds that judged them
     """
+    settled = settled or {}
     effects = _EffectSet(
         result.final,
-        {judged.best.key: judged for judged in result.rounds if judged.best is not None},
+        {judged.best.key: judged for judged in result.rounds if judged.best is not None} | {**settled},
+        settled=frozenset(settled),
         is_search_complete=not result.used_decimation and not accept,
     )
     reconsideration = _Reconsideration(accept, reject, observer or SearchObserver())
@@ -75,6 +65,7 @@ class _EffectSet:
     original_rounds: the round that found each effect
     earlier: keys of the sets that this one replaced
     confirmed_rounds: rounds in which an earlier set confirmed an effect that is still there
+    settled: keys of effects that are not reconsidered
     is_search_complete: True if the search used all samples in each round and tested each effect
     """
 
@@ -82,6 +73,7 @@ class _EffectSet:
     original_rounds: RoundsByKey
     earlier: tuple[frozenset[tuple[str, str]], ...] = ()
     confirmed_rounds: RoundsByKey = field(default_factory=dict)
+    settled: frozenset[tuple[str, str]] = frozenset()
     is_search_complete: bool = False
 
     @property
@@ -125,15 +117,15 @@ class _EffectSet:
         return {
             term.key: rounds[term.key]
             for term in self.terms
-            if self._was_judged_beside_all(term) or (not is_small and self._is_settled(term))
+            if term.key in self.settled
+            or self._was_judged_beside_all(term)
+            or (not is_small and self._is_settled(term))
         }
 
     def _was_judged_beside_all(self, term: ModelTerm) -> bool:
         """Return True if all others, and no further effect, were in the model when an effect was added."""
         judged = self.original_rounds.get(term.key)
         if judged is None or not self.is_search_complete:
-            return False
-        if judged.evaluation.state.has_correlated_noise != self.final.state.has_correlated_noise:
             return False
         if term.effect.is_process() and len(self.terms) > 1:
             # Several effects together may replace the walk.
@@ -214,94 +206,5 @@ class _Reconsideration:
             return effects.replaced_by(final, {best.key: judged})
         if not best.term.effect.is_process():
             return None
-        replacement = _replace_walk(judged, best, {*self.reject, term.effect.name, EMPIRICAL}, self.observer)
+        replacement = replace_walk(judged, best, {*self.reject, term.effect.name, EMPIRICAL}, self.observer)
         return None if replacement is None else effects.replaced_by(*replacement)
-
-
-def _replace_walk(
-    judged: Round, walk: Hypothesis, reject: Collection[str], observer: SearchObserver
-) -> tuple[Refit, RoundsByKey] | None:
-    """Return several effects that together are more probable than a random walk, with their rounds, or None.
-
-    A walk can imitate several slow drifts at once, of which each effect explains only its own.
-    """
-    if walk.proposal is None:
-        return None
-    fit, rounds = _fit_without_walk(judged, reject, observer)
-    if len(rounds) < 2:
-        # Each effect alone was already compared with the walk.
-        return None
-    selection_cost, cost = log(2.0 * count_fitted_effects()), 0.0
-    for judged_further in rounds.values():
-        assert judged_further.best is not None
-        cost += (
-            judged_further.best.gain / judged_further.tempering
-            - judged_further.best.evidence
-            + selection_cost
-        )
-    before = refit(fit.evaluation.with_state(judged.evaluation.state))
-    walk_fit = refit(before.evaluation.with_state(before.state.with_term(walk.term)), rounds=0)
-    evidence_of_several = compute_gain(before, fit) / fit.tempering - cost
-    evidence_of_walk = compute_gain(before, walk_fit) / fit.tempering - (
-        walk.proposal.gain - walk.proposal.evidence
-    )
-    return (fit, rounds) if evidence_of_several > evidence_of_walk - selection_cost else None
-
-
-def _fit_without_walk(
-    judged: Round, reject: Collection[str], observer: SearchObserver
-) -> tuple[Refit, RoundsByKey]:
-    """Add up to three effects in place of the walk; return their fit and their rounds."""
-    fit, rounds = refit(judged.evaluation), dict[tuple[str, str], Round]()
-    while len(rounds) < _MAX_WALK_REPLACEMENTS:
-        judged_further = observer.journal.judge_round(fit.evaluation, reject)
-        best = judged_further.best
-        if best is None or best.state is None:
-            break
-        rounds[best.key] = judged_further
-        fit = refit_with_weights(best.state.with_term(best.term)).without_cache()
-    return fit, rounds
-
-
-def drop_chance_effects(
-    result: SearchResult, rounds: RoundsByKey, accept: Collection[str] = ()
-) -> tuple[SearchResult, RoundsByKey]:
-    """Drop effects whose gain the best of all candidates would reach by chance.
-
-    The null distribution is that of the final model's residual. Applies to effects visible in the mean;
-    `accept`: effects that are never removed.
-    """
-    last, by_chance = result.rounds[-1], set()
-    for key, judged in rounds.items():
-        hypothesis = judged.find_hypothesis(key)
-        if hypothesis is None or hypothesis.state is None:
-            continue
-        # The largest gain by chance is that of the drifts, which correlated residuals imitate best.
-        is_chance = (
-            hypothesis.surprise < CONSISTENT_SURPRISE
-            and hypothesis.p_value(last.null_distribution) >= 1.0 - MIN_ADD_PROBABILITY
-        )
-        if is_chance or _is_overfitted(hypothesis, judged, last):
-            by_chance.add(key)
-    dropped = [
-        term.key
-        for term in result.final.state.terms
-        if term.is_fitted and term.key in by_chance and term.effect.name not in accept
-    ]
-    if not dropped:
-        return result, rounds
-    return replace(result, final=refit_with_weights(result.final.state.without_terms(dropped))), rounds
-
-
-def _is_overfitted(hypothesis: Hypothesis, judged: Round, last: Round) -> bool:
-    """Return True if the last round shows correlation under which an effect would not have been added.
-
-    Where an effect is visible in a few blocks only, such as standstills between drives in vibration, its own
-    block scores do not show that residuals are correlated: a warm-up passes through all of them.
-    """
-    gain = hypothesis.held_out_gain
-    if gain is None or not judged.tempering <= MIN_CORRELATED_TEMPERING < last.tempering:
-        return False
-    doubtful = replace(gain, max_doubt=chance_gain(last.tempering, hypothesis.surprise))
-    is_confirmed = helps_held_out(hypothesis.gain, gain, last.tempering)
-    return not is_confirmed or is_within_level(hypothesis.term, doubtful)

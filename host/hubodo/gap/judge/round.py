@@ -13,20 +13,14 @@ from hubodo.gap.judge.comparison import (
     object_to_walks,
     prefer_simple,
 )
-from hubodo.gap.judge.hypothesis import (
-    CONSISTENT_SURPRISE,
-    Baseline,
-    Hypothesis,
-    compute_surprise,
-    judge_effect,
-    judge_proposal,
-    judge_unnamed_term,
-)
+from hubodo.gap.judge.demands import CONSISTENT_SURPRISE, apply_jackknife, helps_held_out
+from hubodo.gap.judge.hypothesis import Baseline, Hypothesis, judge_effect, judge_proposal, judge_unnamed_term
 from hubodo.gap.judge.posterior import compute_posterior
 from hubodo.gap.judge.shortlist import screen_strictly, select_for_refit
 from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.process_noise.tracking import track_wheel_phase
 from hubodo.gap.process_noise.weights import Weights
+from hubodo.gap.refit.cross_validation import compute_held_out_gain
 from hubodo.gap.refit.linear_fit import Refit, linearise_fit
 from hubodo.gap.refit.refit import compute_added_gain, compute_gain, continue_fit, fit_tracked, refit
 from hubodo.gap.scatter import SCATTER_DETECTORS, Proposal
@@ -109,6 +103,10 @@ class Round:
         return next((hypothesis for hypothesis in self.hypotheses if hypothesis.key == key), None)
 
 
+RoundsByKey = Mapping[tuple[str, str], Round]
+"""The round that judged each effect and scope."""
+
+
 def judge_round(
     evaluation: Evaluation,
     reject: Collection[str] = (),
@@ -148,7 +146,7 @@ def judge_round(
     best_gain = max([compute_gain(before, item) for item in [*refits, *walk_refits.values()]], default=0.0)
     unnamed = [] if EMPIRICAL in reject else _select_unnamed_terms(before, best_gain)
     unnamed_refits = [_refit_with(before, item, rounds=1) for item in unnamed]
-    steady = _list_steady(selected, refits)
+    steady = _list_steady(before, selected, refits)
     tempering = _choose_tempering(before, steady, list(walk_refits.values()), [*refits, *unnamed_refits])
     baseline = Baseline(before, compute_added_gain(before), tempering)
     hypotheses = [judge_effect(baseline, item, fit) for item, fit in zip(selected, refits, strict=True)]
@@ -163,12 +161,17 @@ def judge_round(
     return Round(before.evaluation.without_cache(), stored, nothing, tuple(screened), null, tempering)
 
 
-def _list_steady(selected: Sequence[ScreenedCandidate], refits: Sequence[Refit]) -> list[Refit]:
-    """Return the fits of effects whose estimates from parts of the log agree."""
+def _list_steady(
+    before: Refit, selected: Sequence[ScreenedCandidate], refits: Sequence[Refit]
+) -> list[Refit]:
+    """Return the fits of effects whose estimates from parts of the log agree, and predict the other parts."""
     return [
         fit
         for item, fit in zip(selected, refits, strict=True)
-        if compute_surprise(fit, item.candidate.term.key) >= CONSISTENT_SURPRISE
+        if apply_jackknife(fit, item.candidate.term.key).surprise >= CONSISTENT_SURPRISE
+        and helps_held_out(
+            compute_gain(before, fit), compute_held_out_gain(before.fold_deviances, fit.fold_deviances)
+        )
     ]
 
 

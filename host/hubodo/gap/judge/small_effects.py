@@ -12,7 +12,7 @@ from collections.abc import Collection
 from dataclasses import replace
 
 from hubodo.effects.empirical import PREFIX
-from hubodo.gap.judge.hypothesis import CONSISTENT_SURPRISE, MIN_CORRELATED_GAIN
+from hubodo.gap.judge.demands import CONSISTENT_SURPRISE, MIN_CORRELATED_GAIN
 from hubodo.gap.judge.round import Round
 from hubodo.gap.judge.search import SearchObserver, SearchResult, is_worse
 from hubodo.gap.refit.refit import refit_with_weights

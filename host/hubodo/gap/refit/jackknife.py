@@ -8,6 +8,7 @@ residuals of this log do to it, whatever their spectrum (Efron 1982, Künsch 198
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +24,22 @@ MAX_GROUPS = 32
 _MIN_PROBABILITY = 1e-300
 
 
-def compute_jackknife_surprise(
+@dataclass(frozen=True)
+class JackknifeTest:
+    """Test of an estimate by its scatter over groups of the log.
+
+    surprise: -ln of the probability of the estimate if the effect is absent; 0 if too few groups show it
+    agreement_sigmas: the best determined coordinate, in units of that scatter
+    """
+
+    surprise: float = 0.0
+    agreement_sigmas: float = 0.0
+
+
+def apply_jackknife(
     groups: FoldGrams, prior: CoordinatePrior, value: Array, places: NDArray[np.intp]
-) -> float:
-    """Return -ln of the probability of an estimate if the effect is absent.
+) -> JackknifeTest:
+    """Test an estimate against the absence of the effect.
 
     groups: gram matrices of consecutive groups of blocks
     prior: prior of all coordinates
@@ -35,26 +48,46 @@ def compute_jackknife_surprise(
 
     With n groups and the jackknife covariance V of k estimates,
     (n - k) / (k (n - 1)) value' V⁻¹ value follows an F distribution with k and n - k degrees of freedom
-    (Hotelling's T²). All coordinates are tested together, and each one alone, as often only one is not zero.
-    The larger surprise counts, less ln k for the choice (Bonferroni).
+    (Hotelling's T²); n counts the groups that determine the estimates, such as stops of a wheel. All
+    coordinates are tested together, and each one alone, as often only one is not zero. The larger surprise
+    counts, less ln k for the choice (Bonferroni).
     """
-    total, count = groups.grams.sum(axis=0), len(groups.grams)
+    total = groups.grams.sum(axis=0)
     step = groups.fit_step(total, prior)[places]
     deviations = np.array([groups.fit_step(total - gram, prior)[places] for gram in groups.grams]) - step
     is_observed = np.any(deviations != 0.0, axis=0)
     estimate, deviations = (value + step)[is_observed], deviations[:, is_observed]
     if not len(estimate):
-        return 0.0
-    covariance = (count - 1) / count * deviations.T @ deviations
-    alone = [_test(estimate[[k]], covariance[k : k + 1, k : k + 1], count) for k in range(len(estimate))]
-    return max(_test(estimate, covariance, count), max(alone) - math.log(len(alone)))
+        return JackknifeTest()
+    squares, places = deviations.T @ deviations, places[is_observed]
+    information = groups.grams[:, places[:, None], places]
+    alone = [
+        _test(estimate[k], squares[np.ix_(k, k)], information[:, k[:, None], k])
+        for k in np.arange(len(estimate))[:, None]
+    ]
+    surprise = max(_test(estimate, squares, information), max(alone) - math.log(len(alone)))
+    return JackknifeTest(surprise, float(np.max(np.abs(estimate) / np.sqrt(np.diag(squares)))))
 
 
-def _test(estimate: Array, covariance: Array, count: int) -> float:
-    """Return -ln of the p-value of k estimates, (k,), with covariance, (k, k), from `count` groups."""
-    size = len(estimate)
+def _test(estimate: Array, squares: Array, information: Array) -> float:
+    """Return -ln of the p-value of k estimates, (k,).
+
+    squares: (k, k) sum of the products of the deviations by leaving out each group
+    information: (G, k, k) of each group
+    """
+    size, count = len(estimate), _count_informative(information)
     if count <= size + 1:
         return 0.0
-    quadratic = float(estimate @ np.linalg.pinv(covariance, hermitian=True) @ estimate)
+    quadratic = count / (count - 1) * float(estimate @ np.linalg.pinv(squares, hermitian=True) @ estimate)
     statistic = (count - size) / (size * (count - 1)) * quadratic
     return -math.log(max(float(fdtrc(size, count - size, statistic)), _MIN_PROBABILITY))
+
+
+def _count_informative(information: Array) -> float:
+    """Return the effective number of groups, at most G, that determine an estimate.
+
+    A group counts by its leverage: of an effect that shows at three stops alone, three groups count.
+    """
+    inverse = np.linalg.pinv(information.sum(axis=0), hermitian=True)
+    leverage = np.einsum("ij,gji->g", inverse, information)
+    return float(leverage.sum() ** 2 / max(np.sum(leverage**2), 1e-300))

@@ -13,7 +13,7 @@ from hubodo.gap.linear.directions import directions_of_terms
 from hubodo.gap.linear.linearisation import Linearisation, invert_information, linearise
 from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.refit.cross_validation import FoldDeviances, FoldGrams
-from hubodo.gap.refit.jackknife import MAX_GROUPS, compute_jackknife_surprise
+from hubodo.gap.refit.jackknife import MAX_GROUPS, JackknifeTest, apply_jackknife
 from hubodo.gap.refit.prior import (
     CoordinatePrior,
     adopt_prior,
@@ -132,17 +132,16 @@ class Refit:
         is_observed = np.diag(self.full_covariance)[indices] > 0.0
         return np.asarray(information * np.outer(is_observed, is_observed))
 
-    def compute_surprise(self, term: ModelTerm, absent: Array) -> float:
-        """Return -ln of the probability of a free term's estimate if it were at `absent`, (k,) coordinates.
+    def apply_jackknife(self, term: ModelTerm, absent: Array) -> JackknifeTest:
+        """Test a free term's estimate by the jackknife against `absent`, (k,) coordinates.
 
-        It is that of the jackknife; coordinates whose initial guess is not zero, such as a time constant, do
-        not count.
+        Coordinates whose initial guess is not zero, such as a time constant, do not count.
         """
         assert self.groups is not None
         is_amplitude = is_zero_in_guesses(type(term.effect))
         value = (term.effect.coordinates() - absent) / term.effect.coordinate_scales()
         places = np.arange(len(self.full_covariance), dtype=np.intp)[self.coordinate_slice(term)]
-        return compute_jackknife_surprise(self.groups, self.prior, value[is_amplitude], places[is_amplitude])
+        return apply_jackknife(self.groups, self.prior, value[is_amplitude], places[is_amplitude])
 
     @property
     def tempering(self) -> float:

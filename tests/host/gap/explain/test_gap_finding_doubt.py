@@ -60,20 +60,20 @@ def test_a_short_log_of_uneven_noise_confirms_no_effect_below_its_level(
 
 
 @pytest.mark.parametrize(
-    ("surprise", "tempering", "held_out", "expected"),
+    ("agreement_sigmas", "tempering", "held_out", "expected"),
     [
         (1.0, 8.0, True, True),
-        (9.0, 8.0, True, False),
+        (4.0, 8.0, True, False),
         (1.0, 1.5, True, False),
         (0.0, 8.0, False, False),
     ],
 )
 def test_an_effect_on_which_the_parts_of_a_correlated_log_disagree_may_be_another_one(
-    surprise, tempering, held_out, expected
+    agreement_sigmas, tempering, held_out, expected
 ):
     gain = HeldOutGain(2000.0, 40.0, 3000.0) if held_out else None
     term = ModelTerm(BY_NAME["gyro_warmup"](), "right")
-    own = Hypothesis(term, 2500.0, 130.0, 1.0, held_out_gain=gain, surprise=surprise)
+    own = Hypothesis(term, 2500.0, 130.0, 1.0, held_out_gain=gain, agreement_sigmas=agreement_sigmas)
     state = SimpleNamespace(terms=(), problem=SimpleNamespace(nodes=()), has_correlated_noise=False)
     final = SimpleNamespace(state=state, min_tempering=1.0)
     result = SimpleNamespace(final=final, rounds=[SimpleNamespace(tempering=tempering)])

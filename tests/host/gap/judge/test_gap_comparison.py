@@ -77,14 +77,3 @@ def test_a_random_walk_gives_way_to_an_effect_on_which_the_parts_of_a_correlated
     judged = object_to_walks([walk, steady], tempering)
     assert bool(judged[0].objection) == is_rejected
     assert judged[1] == steady
-
-
-@pytest.mark.parametrize(("gain", "is_rejected"), [(2450.0, True), (2300.0, False)])
-def test_a_random_walk_gives_way_to_a_warm_up_that_explains_nearly_all_of_it(gain, is_rejected):
-    walk = Hypothesis(ModelTerm(BY_NAME["gyro_rate_random_walk"](k=4e-4), "right"), 2472.0, 701.0, 0.0)
-    held_out_gain = HeldOutGain(gain, 100.0, 1600.0)
-    warmup = Hypothesis(
-        ModelTerm(BY_NAME["gyro_warmup"](), "right"), gain, 690.0, 0.0, held_out_gain=held_out_gain
-    )
-    assert bool(object_to_walks([walk, warmup], 3.5)[0].objection) == is_rejected
-    assert not object_to_walks([walk, warmup], 1.0)[0].objection

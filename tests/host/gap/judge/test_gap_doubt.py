@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from hubodo.effects import BY_NAME
-from hubodo.gap.judge.hypothesis import doubtful_gain, is_within_level
+from hubodo.gap.judge.demands import doubtful_gain, is_within_level
 from hubodo.gap.judge.round import judge_round
 from hubodo.gap.judge.search import build_initial_state
 from hubodo.gap.problem.build import build_problem

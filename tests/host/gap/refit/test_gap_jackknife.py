@@ -9,7 +9,7 @@ from scipy.stats import f as fisher
 from scipy.stats import ttest_1samp
 
 from hubodo.gap.refit.cross_validation import FoldGrams
-from hubodo.gap.refit.jackknife import compute_jackknife_surprise
+from hubodo.gap.refit.jackknife import apply_jackknife
 from hubodo.gap.refit.prior import CoordinatePrior
 
 N_GROUPS, GROUP_SIZE = 16, 50
@@ -22,11 +22,15 @@ def build_groups(columns, residual):
     return FoldGrams(grams, np.sum(columns**2, axis=0), np.full(len(rows), float(GROUP_SIZE)))
 
 
-def surprise_of(columns, residual, places):
+def jackknife_of(columns, residual, places):
     size = columns.shape[1]
     prior = CoordinatePrior(np.zeros(size), np.zeros(size), 1.0)
     zeros = np.zeros(len(places))
-    return compute_jackknife_surprise(build_groups(columns, residual), prior, zeros, np.array(places))
+    return apply_jackknife(build_groups(columns, residual), prior, zeros, np.array(places))
+
+
+def surprise_of(columns, residual, places):
+    return jackknife_of(columns, residual, places).surprise
 
 
 def test_a_constant_has_the_p_value_of_students_test_of_the_group_means():
@@ -53,7 +57,7 @@ def test_three_coordinates_have_the_p_value_of_hotellings_test():
     alone = -np.log(ttest_1samp(means, 0.0, axis=0).pvalue)
     expected = max(together, alone.max() - np.log(3.0))
     prior = CoordinatePrior(np.zeros(3), np.zeros(3), 1.0)
-    surprise = compute_jackknife_surprise(groups, prior, np.zeros(3), np.arange(3))
+    surprise = apply_jackknife(groups, prior, np.zeros(3), np.arange(3)).surprise
     assert surprise == pytest.approx(expected, rel=1e-9)
 
 
@@ -74,12 +78,31 @@ def test_an_absent_effect_is_surprising_as_often_as_stated_in_correlated_uneven_
     assert 0.025 < share < 0.085 and naive > 200
 
 
+def test_what_shows_in_three_groups_has_the_p_value_of_students_test_of_their_means():
+    residual = 0.5 + np.random.default_rng(9).standard_normal(N_GROUPS * GROUP_SIZE)
+    is_shown = np.repeat(np.isin(np.arange(N_GROUPS), [2, 7, 11]), GROUP_SIZE)
+    means = residual[is_shown].reshape(3, -1).mean(axis=1)
+    expected = -np.log(ttest_1samp(means, 0.0).pvalue)
+    assert surprise_of(is_shown[:, None].astype(float), residual, [0]) == pytest.approx(expected, rel=1e-9)
+
+
 def test_what_one_group_shows_alone_is_no_surprise():
     residual = np.random.default_rng(6).standard_normal(N_GROUPS * GROUP_SIZE)
     is_shown = np.arange(len(residual)) < GROUP_SIZE
     alone = surprise_of(is_shown[:, None].astype(float), residual + 5.0 * is_shown, [0])
     in_all = surprise_of(np.ones((len(residual), 1)), residual + 5.0 / N_GROUPS, [0])
     assert alone < 2.0 < 10.0 < in_all
+
+
+def test_two_groups_agree_if_both_show_the_same_and_one_alone_does_not():
+    """They are too few for a surprise."""
+    noise = np.random.default_rng(10).standard_normal(N_GROUPS * GROUP_SIZE)
+    number = np.arange(len(noise)) // GROUP_SIZE
+    is_shown = (number == 3) | (number == 12)
+    both = jackknife_of(is_shown[:, None].astype(float), noise + 5.0 * is_shown, [0])
+    alone = jackknife_of(is_shown[:, None].astype(float), noise + 5.0 * (number == 3), [0])
+    assert both.surprise == 0.0 and both.agreement_sigmas > 10.0
+    assert alone.agreement_sigmas < 3.0
 
 
 def test_of_many_coordinates_one_alone_is_tested_where_groups_are_few():
