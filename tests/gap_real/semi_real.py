@@ -230,10 +230,24 @@ def print_summary(rows: Sequence[Row]) -> None:
     print(f"without an effect: names in {sum(bool(row['found']) for row in nulls)} of {len(nulls)}")
     sure_right, sure = (sum(row[key] for row in judged) for key in ("sure_right", "sure"))
     print(f"names above 0.9 that are right: {sure_right} of {sure}")
+    errors = np.array([error for row in judged for error in list_errors_in_sigma(row)])
+    within = [int(np.sum(np.abs(errors) < limit)) for limit in (1.0, 2.0, 3.0)]
+    print(f"values within 1, 2, 3 sigma: {within[0]}, {within[1]}, {within[2]} of {len(errors)}")
     print(f"gap larger than before: {sum(row['gap'][1] > row['gap'][0] for row in judged)} of {len(judged)}")
     print(f"not made or failed: {len(rows) - len(judged)}")
     if judged:
         print(f"processor time a case, median: {np.median([row['cpu'] for row in judged]):.0f} s")
+
+
+def list_errors_in_sigma(row: Row) -> list[float]:
+    """Return the errors of the parameters of the injected effect, where it is named, in their 1 sigma."""
+    found = [one for one in row["found"] if row["name"] == one[0] and row.get("scope") == one[1]]
+    return [
+        (value - row["parameters"][name]) / sigma
+        for one in found
+        for name, (value, sigma) in one[3].items()
+        if sigma and name in row["parameters"]
+    ]
 
 
 def _compute_fingerprint(*options: float | str | None) -> str:

@@ -8,6 +8,7 @@ from math import exp, isclose
 
 import numpy as np
 
+from hubodo.arrays import Array
 from hubodo.effects import Effect
 from hubodo.effects.empirical import PREFIX
 from hubodo.gap.explain.descriptions import describe_manoeuvre, describe_where
@@ -18,6 +19,7 @@ from hubodo.gap.judge.posterior import MAX_SIMILAR_GAIN, sum_by_name
 from hubodo.gap.judge.round import RoundsByKey
 from hubodo.gap.judge.search import SearchResult
 from hubodo.gap.process_noise.residual import Residual, compute_gap
+from hubodo.gap.refit.jackknife import compute_jackknife_covariance
 from hubodo.gap.refit.linear_fit import Refit
 from hubodo.gap.state.terms import ModelTerm
 
@@ -162,19 +164,26 @@ def _list_parameters(term: ModelTerm, final: Refit, own: Hypothesis | None) -> d
     }
 
 
+def _join_covariances(candidates: Sequence[Array]) -> Array:
+    """Return the covariance, (k, k), with the largest trace, with the largest variance of each coordinate."""
+    largest = max(candidates, key=lambda one: float(np.trace(one)))
+    variance = np.diag(largest)
+    ratio = np.max([np.diag(one) for one in candidates], axis=0) / np.where(variance > 0.0, variance, 1.0)
+    return largest * np.sqrt(np.outer(ratio, ratio))
+
+
 def estimate_parameters(term: ModelTerm, fit: Refit) -> dict[str, Estimate]:
     """Return parameters of a fit with sigmas, propagated from its coordinates."""
     effect = term.effect
     values = {name: value for name, value in effect.values().items() if name in effect.fitted_parameters()}
     indices = fit.coordinate_slice(term)
     scales = effect.coordinate_scales()
-    robust_covariance, plain_covariance = (
-        fit.robust_covariance[indices, indices],
-        fit.covariance[indices, indices],
-    )
-    covariance = (
-        robust_covariance if np.trace(robust_covariance) > np.trace(plain_covariance) else plain_covariance
-    ) * np.outer(scales, scales)
+    plain_covariance = fit.covariance[indices, indices]
+    candidates = [plain_covariance, fit.robust_covariance[indices, indices]]
+    if fit.groups is not None:
+        places = np.arange(indices.start, indices.stop, dtype=np.intp)
+        candidates.append(compute_jackknife_covariance(fit.groups, fit.prior, places))
+    covariance = _join_covariances(candidates) * np.outer(scales, scales)
     jacobian = np.empty((len(values), len(scales)))
     for k, scale in enumerate(scales):
         above, below = effect.coordinates().copy(), effect.coordinates().copy()

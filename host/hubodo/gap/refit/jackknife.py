@@ -52,9 +52,7 @@ def apply_jackknife(
     coordinates are tested together, and each one alone, as often only one is not zero. The larger surprise
     counts, less ln k for the choice (Bonferroni).
     """
-    total = groups.grams.sum(axis=0)
-    step = groups.fit_step(total, prior)[places]
-    deviations = np.array([groups.fit_step(total - gram, prior)[places] for gram in groups.grams]) - step
+    step, deviations = _leave_out_groups(groups, prior, places)
     is_observed = np.any(deviations != 0.0, axis=0)
     estimate, deviations = (value + step)[is_observed], deviations[:, is_observed]
     if not len(estimate):
@@ -67,6 +65,27 @@ def apply_jackknife(
     ]
     surprise = max(_test(estimate, squares, information), max(alone) - math.log(len(alone)))
     return JackknifeTest(surprise, float(np.max(np.abs(estimate) / np.sqrt(np.diag(squares)))))
+
+
+def compute_jackknife_covariance(
+    groups: FoldGrams, prior: CoordinatePrior, places: NDArray[np.intp]
+) -> Array:
+    """Return the covariance, (k, k), of the coordinates at k places.
+
+    Unlike the scatter of scores, it is not too small where few groups determine an estimate: without one of
+    them, the others say something else (Efron 1982; MacKinnon and White 1985, HC3).
+    """
+    count, (_, deviations) = len(groups.grams), _leave_out_groups(groups, prior, places)
+    return np.asarray((count - 1) / count * deviations.T @ deviations)
+
+
+def _leave_out_groups(
+    groups: FoldGrams, prior: CoordinatePrior, places: NDArray[np.intp]
+) -> tuple[Array, Array]:
+    """Return the step of the fit to all groups, (k,), and its changes without each group, (G, k)."""
+    total = groups.grams.sum(axis=0)
+    step = groups.fit_step(total, prior)[places]
+    return step, np.array([groups.fit_step(total - gram, prior)[places] for gram in groups.grams]) - step
 
 
 def _test(estimate: Array, squares: Array, information: Array) -> float:

@@ -3,8 +3,12 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
+import pytest
+
 from hubodo.effects import BY_NAME
 from hubodo.gap.explain.finding import (
+    _join_covariances,
     _limit_confidence,
     _list_equal_scopes,
 )
@@ -48,3 +52,10 @@ def test_scopes_share_the_probability_though_the_priors_of_their_values_differ()
     shared = share_between_scopes([replace(one, held_out_gain=held_out) for one in hypotheses], 3.5)
     assert len({one.probability for one in shared}) > 1
     assert {one.term.scope for one in _list_equal_scopes(shared, shared[0])} == set(values)
+
+
+def test_joined_covariances_have_the_largest_variance_of_each_coordinate_and_the_correlation_of_the_largest():
+    narrow, wide = np.array([[4.0, 1.0], [1.0, 1.0]]), np.array([[1.0, -1.5], [-1.5, 9.0]])
+    joined = _join_covariances([narrow, wide, np.zeros((2, 2))])
+    np.testing.assert_allclose(np.diag(joined), [4.0, 9.0])
+    assert joined[0, 1] / 6.0 == pytest.approx(-0.5)

@@ -9,7 +9,7 @@ from scipy.stats import f as fisher
 from scipy.stats import ttest_1samp
 
 from hubodo.gap.refit.cross_validation import FoldGrams
-from hubodo.gap.refit.jackknife import apply_jackknife
+from hubodo.gap.refit.jackknife import apply_jackknife, compute_jackknife_covariance
 from hubodo.gap.refit.prior import CoordinatePrior
 
 N_GROUPS, GROUP_SIZE = 16, 50
@@ -92,6 +92,15 @@ def test_what_one_group_shows_alone_is_no_surprise():
     alone = surprise_of(is_shown[:, None].astype(float), residual + 5.0 * is_shown, [0])
     in_all = surprise_of(np.ones((len(residual), 1)), residual + 5.0 / N_GROUPS, [0])
     assert alone < 2.0 < 10.0 < in_all
+
+
+def test_the_covariance_of_a_constant_is_that_of_the_mean_of_the_groups():
+    residual = 0.1 + np.random.default_rng(11).standard_normal(N_GROUPS * GROUP_SIZE)
+    groups = build_groups(np.ones((len(residual), 1)), residual)
+    prior = CoordinatePrior(np.zeros(1), np.zeros(1), 1.0)
+    means = residual.reshape(N_GROUPS, -1).mean(axis=1)
+    covariance = compute_jackknife_covariance(groups, prior, np.array([0]))
+    assert covariance[0, 0] == pytest.approx(np.var(means, ddof=1) / N_GROUPS, rel=1e-9)
 
 
 def test_two_groups_agree_if_both_show_the_same_and_one_alone_does_not():

@@ -191,3 +191,20 @@ def test_bursts_of_a_road_hide_no_outliers(seed):
     print(f"seed {seed}: share {values['probability']:.4f}, size {values['sigma']:.1f}")
     assert abs(values["probability"] - share) < 3.5 * sigmas["probability"]
     assert abs(values["sigma"] - sigma) < 3.5 * sigmas["sigma"]
+
+
+@pytest.mark.parametrize(("share", "size"), [(0.018, 3.5), (0.005, 5.0)])
+def test_share_and_size_of_outliers_are_unbiased(share, size):
+    """They enlarge the median of the noise by 1 %, which would hide a sixth of them."""
+    ratios = []
+    for seed in range(8):
+        rng = np.random.default_rng([seed, 7])
+        clean, y = draw_readings(rng, 6000)
+        is_hit = rng.random(y.shape) < share
+        y += is_hit * SIGMA * size * rng.standard_normal(y.shape)
+        (proposal,) = detect_outliers([build_residual(y, clean)])
+        effect = proposal.term.effect
+        ratios.append((effect.probability / is_hit.mean(), effect.sigma / size))
+    mean, error = np.mean(ratios, axis=0), np.std(ratios, axis=0) / np.sqrt(len(ratios))
+    print(f"seeds [0..7, 7]: share {mean[0]:.3f} ± {error[0]:.3f}, size {mean[1]:.3f} ± {error[1]:.3f}")
+    assert np.all(np.abs(mean - 1.0) < np.maximum(3.0 * error, 0.05))
