@@ -241,10 +241,10 @@ def print_summary(rows: Sequence[Row]) -> None:
 
 def list_errors_in_sigma(row: Row) -> list[float]:
     """Return the errors of the parameters of the injected effect, where it is named, in their 1 sigma."""
-    found = [one for one in row["found"] if row["name"] == one[0] and row.get("scope") == one[1]]
+    right = [one for one in row["found"] if row["name"] == one[0] and row.get("scope") == one[1]]
     return [
         (value - row["parameters"][name]) / sigma
-        for one in found
+        for one in right
         for name, (value, sigma) in one[3].items()
         if sigma and name in row["parameters"]
     ]

@@ -19,6 +19,8 @@ from hubodo.gap.refit.prune import MODEL_IMPRECISION
 from hubodo.gap.state.terms import ALL
 
 # Chosen, and judged together with the other settings of the search, by `make gap-matrix`.
+# Gain of a smooth drift over that of a random walk, from which on the walk follows a drift and noise.
+_MIN_SMOOTH_ADVANTAGE = 4.0
 # Ratio of the gain of an unnamed term to that of the best listed effect, below which it is that effect: in
 # independent and in correlated residuals.
 _MIN_UNNAMED_ADVANTAGE = (1.2, 2.0)
@@ -140,7 +142,8 @@ def object_to_walks(hypotheses: Sequence[Hypothesis], tempering: float) -> list[
     """Reject random walks that gain no more than an effect on which the parts of the log agree.
 
     Where residuals are correlated, a walk follows an error that turns with the wheel as well as noise. A walk
-    would not give the same misalignment in each part.
+    would not give the same misalignment in each part. There it is a smooth drift, such as a warm-up, as soon
+    as that gains more; in white noise the drift also has to pay for its parameters.
     """
     if tempering <= MIN_CORRELATED_TEMPERING:
         return list(hypotheses)
@@ -148,10 +151,15 @@ def object_to_walks(hypotheses: Sequence[Hypothesis], tempering: float) -> list[
     best_gain = max(steady, default=0.0)
     return [
         one.with_objection("gains no more than an effect on which the parts of the log agree")
-        if one.term.effect.random_walk_variance_rate() > 0.0 and one.gain < best_gain
+        if one.term.effect.random_walk_variance_rate() > 0.0 and (one.gain < best_gain or _is_smooth(one))
         else one
         for one in hypotheses
     ]
+
+
+def _is_smooth(walk: Hypothesis) -> bool:
+    """Return True if a smooth drift gains more than a random walk."""
+    return walk.proposal is not None and walk.proposal.smooth_advantage > _MIN_SMOOTH_ADVANTAGE
 
 
 def drop_similar_unnamed(hypotheses: Sequence[Hypothesis], tempering: float) -> list[Hypothesis]:

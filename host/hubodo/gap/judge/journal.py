@@ -10,7 +10,7 @@ import base64
 import hashlib
 import json
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import astuple
+from dataclasses import astuple, fields
 from pathlib import Path
 from typing import Any
 
@@ -161,7 +161,7 @@ def _hypothesis_to_json(hypothesis: Hypothesis) -> dict[str, Any]:
         "objection": hypothesis.objection,
         "proposal": None
         if proposal is None
-        else [proposal.gain, proposal.evidence, dict(proposal.sigmas), proposal.where, proposal.is_exact],
+        else [getattr(proposal, one.name) for one in fields(proposal) if one.name != "term"],
     }
 
 

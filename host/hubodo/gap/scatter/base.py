@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import log
+from math import inf, log
 
 import numpy as np
 from scipy.special import ndtr, ndtri
@@ -23,6 +23,7 @@ class Proposal:
     sigmas: 1 sigma of the parameters of the effect
     where: the observation as text
     is_exact: True if equal readings show the effect, which correlation of the residuals does not imitate
+    smooth_advantage: gain of a smooth drift over that of a random walk, if the effect is one
     """
 
     term: ModelTerm
@@ -31,6 +32,7 @@ class Proposal:
     sigmas: Mapping[str, float]
     where: str
     is_exact: bool = False
+    smooth_advantage: float = -inf
 
 
 ScatterDetector = Callable[[Sequence[Residual]], list[Proposal]]

@@ -24,9 +24,8 @@ _STATIONARY_SIGMAS, _SLOW_NOISE_WINDOWS = np.geomspace(1e-5, 0.1, 32), (1.0, 2.0
 _MIN_GAIN_OVER_SLOW_NOISE = 2.0
 # Evidence deducted because a walk can imitate any slow drift.
 _DRIFT_PENALTY = 2.0
-# Time constants of smooth drifts, s, and the gain that such a drift in white noise must have over a walk,
-# which has fewer parameters.
-_DRIFT_TIMES, _MIN_SMOOTH_ADVANTAGE = np.geomspace(5.0, 640.0, 8), 4.0
+# Time constants of smooth drifts, s; parameters of such a drift in each axis.
+_DRIFT_TIMES, _N_DRIFT_PARAMETERS = np.geomspace(5.0, 640.0, 8), 2
 # Sigmas by which the innovations may differ from Gaussian white noise.
 _MAX_WHITENESS_SIGMA = 4.0
 # Largest share of windows that are bumps of the road, and how often they are searched.
@@ -56,13 +55,18 @@ def detect_random_walk(residuals: Sequence[Residual]) -> list[Proposal]:
         is_step = sum(_step_evidence(node) for node in nodes) > gain - cost
         if gain < _MIN_RANDOM_WALK_GAIN or is_step or not _is_random_walk(regular, k, gain):
             continue
-        if _gain_of_smooth_drift([axis for node in regular for axis in node]) > gain + _MIN_SMOOTH_ADVANTAGE:
+        axes = [axis for node in regular for axis in node]
+        smooth_advantage = _gain_of_smooth_drift(axes) - gain
+        if smooth_advantage > (1 + _N_DRIFT_PARAMETERS * len(axes)) * parameter_cost(len(axes[0].mean)):
             continue
         if _count_windows(regular) < (1.0 - _MAX_BUMP_SHARE) * _count_windows(nodes):
             continue
         term = ModelTerm(BY_NAME[EFFECT_NAME](k=k), scope)  # type: ignore[call-arg]
         where = "means of the gyro channels drift from one second to the next as a random walk does"
-        proposals.append(Proposal(term, gain, gain - cost - _DRIFT_PENALTY, {"k": sigma}, where))
+        evidence = gain - cost - _DRIFT_PENALTY
+        proposals.append(
+            Proposal(term, gain, evidence, {"k": sigma}, where, smooth_advantage=smooth_advantage)
+        )
     return proposals
 
 

@@ -56,6 +56,6 @@ def test_scopes_share_the_probability_though_the_priors_of_their_values_differ()
 
 def test_joined_covariances_have_the_largest_variance_of_each_coordinate_and_the_correlation_of_the_largest():
     narrow, wide = np.array([[4.0, 1.0], [1.0, 1.0]]), np.array([[1.0, -1.5], [-1.5, 9.0]])
-    joined = _join_covariances([narrow, wide, np.zeros((2, 2))])
-    np.testing.assert_allclose(np.diag(joined), [4.0, 9.0])
-    assert joined[0, 1] / 6.0 == pytest.approx(-0.5)
+    covariance = _join_covariances([narrow, wide, np.zeros((2, 2))])
+    np.testing.assert_allclose(np.diag(covariance), [4.0, 9.0])
+    assert covariance[0, 1] / 6.0 == pytest.approx(-0.5)

@@ -8,6 +8,7 @@ from hubodo.effects.empirical import empirical_class
 from hubodo.gap.judge.comparison import object_to_substitutes, object_to_walks, share_between_scopes
 from hubodo.gap.judge.hypothesis import DOUBTFUL_LEVEL, Hypothesis
 from hubodo.gap.refit.cross_validation import HeldOutGain
+from hubodo.gap.scatter import Proposal
 from hubodo.gap.state.state import State
 from hubodo.gap.state.terms import ModelTerm
 
@@ -77,3 +78,17 @@ def test_a_random_walk_gives_way_to_an_effect_on_which_the_parts_of_a_correlated
     judged = object_to_walks([walk, steady], tempering)
     assert bool(judged[0].objection) == is_rejected
     assert judged[1] == steady
+
+
+@pytest.mark.parametrize(
+    ("advantage", "tempering", "is_rejected"),
+    [(6.0, 3.5, True), (3.0, 3.5, False), (-40.0, 3.5, False), (6.0, 1.0, False)],
+)
+def test_a_random_walk_in_correlated_residuals_gives_way_to_a_smooth_drift_that_gains_more(
+    advantage, tempering, is_rejected
+):
+    """The detector charges the drift for its parameters, which suffices in white noise."""
+    term = ModelTerm(BY_NAME["gyro_rate_random_walk"](k=4e-4), "right")
+    proposal = Proposal(term, 700.0, 690.0, {}, "", smooth_advantage=advantage)
+    walk = Hypothesis(term, 2472.0, 701.0, 0.0, proposal=proposal)
+    assert bool(object_to_walks([walk], tempering)[0].objection) == is_rejected
