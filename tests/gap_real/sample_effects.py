@@ -217,7 +217,7 @@ def injections(top_rate: float, gyro_noise: float, accel_noise: float) -> list[I
     """
     cases: list[Injection] = []
     for strength, k in (("medium", 1.0), ("strong", 2.0)):
-        add = lambda effect, change, k=k, strength=strength, **parameters: cases.append(  # noqa: E731
+        add = lambda effect, change, strength=strength, **parameters: cases.append(  # noqa: E731
             Injection(effect, strength, parameters, change)
         )
         add("gyro_bias", _offset({0: 0.02 * k, 1: -0.015 * k}), x=0.02 * k, y=-0.015 * k)
