@@ -25,6 +25,8 @@ MIN_CORRELATED_GAIN, MIN_CORRELATED_TEMPERING = 45.0, 3.0
 # -ln probability by the jackknife there, nominally that of the largest of 60 candidates in one of 200 logs,
 # and this many sigma of its gain on held-out samples.
 MIN_WHITENED_GAIN, _MIN_WHITENED_SURPRISE, _MIN_WHITENED_Z = 30.0, 9.5, 8.0
+# The same for the best determined coordinate, in sigma of the jackknife.
+_MIN_WHITENED_AGREEMENT = 5.0
 # -ln probability, by the jackknife, up to which that gain is demanded in full, and from which on it is not:
 # in the noise of real drives without an effect, the most surprising of 60 candidates has a median of 3 nats,
 # and 7 at most.
@@ -75,6 +77,13 @@ def chance_gain(tempering: float, surprise: float = 0.0) -> float:
     return MIN_CORRELATED_GAIN * tempering * min(max(share, 0.0), 1.0)
 
 
-def is_steady_when_whitened(surprise: float, held_out_gain: HeldOutGain) -> bool:
-    """Return True if parts of the log agree as weights with the correlation of the noise demand it."""
-    return surprise >= _MIN_WHITENED_SURPRISE and held_out_gain.z >= _MIN_WHITENED_Z
+def is_steady_when_whitened(jackknife: JackknifeTest, held_out_gain: HeldOutGain) -> bool:
+    """Return True if parts of the log agree as weights with the correlation of the noise demand it.
+
+    All coordinates together may differ from zero in a way that none of them confirms.
+    """
+    return (
+        jackknife.surprise >= _MIN_WHITENED_SURPRISE
+        and jackknife.agreement_sigmas >= _MIN_WHITENED_AGREEMENT
+        and held_out_gain.z >= _MIN_WHITENED_Z
+    )

@@ -192,7 +192,7 @@ def _weigh_objections(
         return hypothesis.with_objection(_describe_implausible(term, after))
     if not helps_held_out(gain, held_out_gain, tempering):
         return hypothesis.with_objection(UNHELPFUL)
-    if baseline.is_whitened and not is_steady_when_whitened(surprise, held_out_gain):
+    if baseline.is_whitened and not is_steady_when_whitened(jackknife, held_out_gain):
         return hypothesis.with_objection(_INCONSISTENT)
     demanded = held_out_gain
     if not term.effect.name.startswith(PREFIX):

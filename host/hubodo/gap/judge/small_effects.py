@@ -15,11 +15,15 @@ from hubodo.effects.empirical import PREFIX
 from hubodo.gap.judge.demands import CONSISTENT_SURPRISE, MIN_CORRELATED_GAIN
 from hubodo.gap.judge.round import Round
 from hubodo.gap.judge.search import SearchObserver, SearchResult, is_worse
+from hubodo.gap.process_noise.residual import compute_gap
+from hubodo.gap.refit.linear_fit import Refit
 from hubodo.gap.refit.refit import refit_with_weights
 
 # Largest number of small effects; more of them are parts of an unknown structure. A model that lacked more
 # effects than this is not known well enough for small ones.
 _MAX_SMALL_EFFECTS, _MAX_LARGE_EFFECTS = 2, 4
+# Smallest share of the decrease of the gap that the new weights have to preserve.
+_MIN_EXPLAINED_SHARE = 0.8
 # Fraction of the reported progress at which this step starts.
 _PROGRESS_START = 0.7
 
@@ -52,7 +56,8 @@ def search_small_effects(
         rounds.append(judged)
         best = judged.best
         if best is None:
-            return replace(result, rounds=tuple(rounds), final=fit) if _is_explained(judged) else result
+            is_better = _is_explained(judged) and not _explains_less(result, fit)
+            return replace(result, rounds=tuple(rounds), final=fit) if is_better else result
         if number == _MAX_SMALL_EFFECTS:
             break
         attempt = refit_with_weights((best.state or fit.state).with_term(best.term)).without_cache()
@@ -60,6 +65,18 @@ def search_small_effects(
             break
         fit = attempt
     return result
+
+
+def _explains_less(result: SearchResult, fit: Refit) -> bool:
+    """Return True if a fit loses much of what the effects of a search explain.
+
+    Weights from residuals beside an effect may hide a part of it, such as the slow end of a warm-up.
+    """
+    before, white, correlated = (
+        compute_gap(one.without_cache().residuals)
+        for one in (result.rounds[0].evaluation, result.final.evaluation, fit.evaluation)
+    )
+    return before - correlated < _MIN_EXPLAINED_SHARE * (before - white)
 
 
 def _is_explained(judged: Round) -> bool:
