@@ -8,6 +8,7 @@ import pytest
 
 from coloured_noise import with_coloured_noise
 from hubodo.effects import effect_of
+from hubodo.gap.judge import small_effects
 from hubodo.gap.judge.round import judge_round
 from hubodo.gap.judge.search import build_initial_state, search_effects
 from hubodo.gap.judge.small_effects import search_small_effects
@@ -70,3 +71,20 @@ def test_a_model_with_structure_or_many_effects_is_not_searched_for_small_ones(n
     terms = tuple(ModelTerm(effect_of(name)(), "left", is_fitted=True) for name in names)
     result = SimpleNamespace(final=SimpleNamespace(state=SimpleNamespace(terms=terms)))
     assert search_small_effects(result) is result
+
+
+@pytest.mark.parametrize(("gap", "is_kept"), [(1.605, True), (1.64, False)])
+def test_a_fit_with_correlation_that_explains_less_than_the_white_one_is_not_used(monkeypatch, gap, is_kept):
+    """The gap fell from 1.65 to 1.60: weights estimated beside a warm-up took its slow end for noise."""
+    gaps = {"start": 1.65, "white": 1.60, "correlated": gap}
+    monkeypatch.setattr(small_effects, "compute_gap", gaps.__getitem__)
+
+    def evaluation(name):
+        return SimpleNamespace(without_cache=lambda: SimpleNamespace(residuals=name))
+
+    result = SimpleNamespace(
+        rounds=(SimpleNamespace(evaluation=evaluation("start")),),
+        final=SimpleNamespace(evaluation=evaluation("white")),
+    )
+    fit = SimpleNamespace(evaluation=evaluation("correlated"))
+    assert small_effects._explains_less(result, fit) != is_kept
