@@ -73,8 +73,8 @@ def test_a_model_with_structure_or_many_effects_is_not_searched_for_small_ones(n
     assert search_small_effects(result) is result
 
 
-@pytest.mark.parametrize(("gap", "is_kept"), [(1.605, True), (1.64, False)])
-def test_a_fit_with_correlation_that_explains_less_than_the_white_one_is_not_used(monkeypatch, gap, is_kept):
+@pytest.mark.parametrize(("gap", "is_used"), [(1.605, True), (1.64, False)])
+def test_a_fit_with_correlation_that_explains_less_than_the_white_one_is_not_used(monkeypatch, gap, is_used):
     """The gap fell from 1.65 to 1.60: weights estimated beside a warm-up took its slow end for noise."""
     gaps = {"start": 1.65, "white": 1.60, "correlated": gap}
     monkeypatch.setattr(small_effects, "compute_gap", gaps.__getitem__)
@@ -87,4 +87,4 @@ def test_a_fit_with_correlation_that_explains_less_than_the_white_one_is_not_use
         final=SimpleNamespace(evaluation=evaluation("white")),
     )
     fit = SimpleNamespace(evaluation=evaluation("correlated"))
-    assert small_effects._explains_less(result, fit) != is_kept
+    assert small_effects._explains_less(result, fit) != is_used
