@@ -49,8 +49,6 @@ MEMORY_LIMIT = 0.9  # GB
 GROWTH_LIMIT = (
     1.1  # largest ratio of the time per minute in the longest log to that in the shortest, at equal findings
 )
-# min, from which on the steps of the readings of the simulated sensor, 0.07 °/s, are detected as well.
-QUANTIZATION_MINUTES = 60
 RECORDING_LIMIT = 100.0  # s of processor time, on a busy computer
 RECORDINGS = {"wheelchair": wheelchair_model(0.92), "car/drive-1": CAR}
 EVALUATIONS = 50
@@ -164,16 +162,11 @@ def by_length(lengths):
     )
     return (
         all(
-            one["memory"] <= MEMORY_LIMIT and sorted(one["found"]) == sorted(_list_expected(minutes))
+            one["memory"] <= MEMORY_LIMIT and sorted(one["found"]) == sorted([HIDDEN])
             for minutes, one in measurement.items()
         )
         and longest <= GROWTH_LIMIT * shortest
     )
-
-
-def _list_expected(minutes):
-    """Return the effects that a log of this length shows."""
-    return [HIDDEN, "gyro_quantization"] if minutes >= QUANTIZATION_MINUTES else [HIDDEN]
 
 
 def on_recordings():
