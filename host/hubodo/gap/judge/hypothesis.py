@@ -19,6 +19,7 @@ from hubodo.gap.judge.demands import (
     is_within_level,
 )
 from hubodo.gap.refit.cross_validation import HeldOutGain, compute_held_out_gain
+from hubodo.gap.refit.jackknife import JackknifeTest
 from hubodo.gap.refit.linear_fit import Refit
 from hubodo.gap.refit.prune import MODEL_IMPRECISION, count_determined
 from hubodo.gap.refit.refit import compute_gain
@@ -139,12 +140,14 @@ class Hypothesis:
         return null_distribution.p_value(self.gain, len(self.term.effect.coordinates()))
 
 
-def judge_effect(baseline: Baseline, screened: ScreenedCandidate, after: Refit) -> Hypothesis:
-    """Judge an effect that was screened and refitted."""
+def judge_effect(
+    baseline: Baseline, screened: ScreenedCandidate, after: Refit, jackknife: JackknifeTest
+) -> Hypothesis:
+    """Judge an effect that was screened and refitted; jackknife: test of its estimate."""
     term = next(term for term in after.free_terms if term.key == screened.candidate.term.key)
     gain = _limit_gain(compute_gain(baseline.fit, after), screened.gain)
     evidence = _refit_evidence(screened, after.information(term), gain, baseline.tempering)
-    return _weigh_objections(baseline, term, after, gain, evidence - term.effect.neg_log_prior())
+    return _weigh_objections(baseline, term, after, gain, evidence - term.effect.neg_log_prior(), jackknife)
 
 
 def judge_proposal(baseline: Baseline, proposal: Proposal, walk_refit: Refit | None) -> Hypothesis:
@@ -171,22 +174,33 @@ def judge_unnamed_term(baseline: Baseline, unnamed: UnnamedTerm, after: Refit) -
     term = next(term for term in after.free_terms if term.key == unnamed.term.key)
     gain = _limit_gain(compute_gain(baseline.fit, after), unnamed.gain)
     evidence = gain / baseline.tempering - (unnamed.gain - unnamed.evidence)
-    return _weigh_objections(baseline, term, after, gain, evidence)
+    return _weigh_objections(baseline, term, after, gain, evidence, apply_jackknife(after, term.key))
 
 
 def _weigh_objections(
-    baseline: Baseline, term: ModelTerm, after: Refit, gain: float, evidence: float
+    baseline: Baseline,
+    term: ModelTerm,
+    after: Refit,
+    gain: float,
+    evidence: float,
+    jackknife: JackknifeTest,
 ) -> Hypothesis:
     """Return the hypothesis, with little evidence if it is implausible or fails on held-out samples."""
     tempering = baseline.tempering
     held_out_gain = compute_held_out_gain(baseline.fit.fold_deviances, after.fold_deviances)
-    state = after.evaluation.without_cache().state
     count, loss = count_determined(after, term, tempering, baseline.added_gain + gain)
-    jackknife = apply_jackknife(after, term.key)
     surprise = jackknife.surprise
     hypothesis = Hypothesis(
-        *(term, gain, evidence, 0.0, state, None, held_out_gain, "", count, gain - loss),
-        *(surprise, jackknife.agreement_sigmas),
+        term,
+        gain,
+        evidence,
+        probability=0.0,
+        state=after.evaluation.without_cache().state,
+        held_out_gain=held_out_gain,
+        n_determined=count,
+        determined_gain=gain - loss,
+        surprise=surprise,
+        agreement_sigmas=jackknife.agreement_sigmas,
     )
     if _plausible_share(term, after) < _MIN_PLAUSIBLE_SHARE:
         return hypothesis.with_objection(_describe_implausible(term, after))

@@ -21,6 +21,7 @@ from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.process_noise.tracking import track_wheel_phase
 from hubodo.gap.process_noise.weights import Weights
 from hubodo.gap.refit.cross_validation import compute_held_out_gain
+from hubodo.gap.refit.jackknife import JackknifeTest
 from hubodo.gap.refit.linear_fit import Refit, linearise_fit
 from hubodo.gap.refit.refit import compute_added_gain, compute_gain, continue_fit, fit_tracked, refit
 from hubodo.gap.scatter import SCATTER_DETECTORS, Proposal
@@ -146,10 +147,15 @@ def judge_round(
     best_gain = max([compute_gain(before, item) for item in [*refits, *walk_refits.values()]], default=0.0)
     unnamed = [] if EMPIRICAL in reject else _select_unnamed_terms(before, best_gain)
     unnamed_refits = [_refit_with(before, item, rounds=1) for item in unnamed]
-    steady = _list_steady(before, selected, refits)
+    jackknives = [
+        apply_jackknife(fit, item.candidate.term.key) for item, fit in zip(selected, refits, strict=True)
+    ]
+    steady = _list_steady(before, refits, jackknives)
     tempering = _choose_tempering(before, steady, list(walk_refits.values()), [*refits, *unnamed_refits])
     baseline = Baseline(before, compute_added_gain(before), tempering)
-    hypotheses = [judge_effect(baseline, item, fit) for item, fit in zip(selected, refits, strict=True)]
+    hypotheses = [
+        judge_effect(baseline, *candidate) for candidate in zip(selected, refits, jackknives, strict=True)
+    ]
     hypotheses += [judge_proposal(baseline, item, walk_refits.get(item.term.key)) for item in proposals]
     hypotheses += [
         judge_unnamed_term(baseline, item, fit) for item, fit in zip(unnamed, unnamed_refits, strict=True)
@@ -161,14 +167,12 @@ def judge_round(
     return Round(before.evaluation.without_cache(), stored, nothing, tuple(screened), null, tempering)
 
 
-def _list_steady(
-    before: Refit, selected: Sequence[ScreenedCandidate], refits: Sequence[Refit]
-) -> list[Refit]:
+def _list_steady(before: Refit, refits: Sequence[Refit], jackknives: Sequence[JackknifeTest]) -> list[Refit]:
     """Return the fits of effects whose estimates from parts of the log agree, and predict the other parts."""
     return [
         fit
-        for item, fit in zip(selected, refits, strict=True)
-        if apply_jackknife(fit, item.candidate.term.key).surprise >= CONSISTENT_SURPRISE
+        for fit, jackknife in zip(refits, jackknives, strict=True)
+        if jackknife.surprise >= CONSISTENT_SURPRISE
         and helps_held_out(
             compute_gain(before, fit), compute_held_out_gain(before.fold_deviances, fit.fold_deviances)
         )

@@ -36,7 +36,7 @@ from hubodo.gap.process_noise.segments import (
 )
 from hubodo.gap.process_noise.weights import Weights
 from hubodo.gap.process_noise.wheel_phase import WINDOW_DURATION
-from hubodo.gap.process_noise.window_sums import NodeSegment, winsor_limits, winsorise
+from hubodo.gap.process_noise.window_sums import NodeSegment, Whitening, winsor_limits, winsorise
 from hubodo.gap.state.noise import declared_input_sigma, declared_sensor_sigma
 from hubodo.gap.state.state import State
 
@@ -158,7 +158,10 @@ class Evaluation:
             samples, limit = segment.samples[node.name], limits[node.name]
             no_columns = np.zeros((0, *node.y.shape), np.float32)
             correlation = self.weights.correlations.get(node.name)
-            weight = self.weigh(full_node, samples)
+            weight, whitening = self.weigh(full_node, samples), None
+            if correlation is not None:
+                is_standing = find_standing_windows(node, segment.edges[node.name])
+                whitening = Whitening(correlation.whitening, is_standing)
             yield NodeSegment(
                 segment.edges[node.name],
                 no_columns if columns is None else columns.columns(node, state, segment.samples),
@@ -167,8 +170,7 @@ class Evaluation:
                 weight,
                 compute_noise_columns(state, node, noises, segment.window_starts),
                 noise_indices(noises, node),
-                None if correlation is None else correlation.whitening,
-                find_standing_windows(node, segment.edges[node.name]),
+                whitening,
             )
 
     def weigh(self, node: NodeData, samples: slice = slice(None)) -> Array:

@@ -51,6 +51,25 @@ class RandomWalk:
 
 
 @dataclass(frozen=True)
+class Whitening:
+    """Whitening of the windows of one segment.
+
+    matrices: (2, 6, M, M), as in `NoiseCorrelation`
+    is_standing: (K,), True for windows in which the wheel stands
+    """
+
+    matrices: Array
+    is_standing: NDArray[np.bool_]
+
+    def apply(self, rows: NDArray[np.float32], windows: slice) -> NDArray[np.float32]:
+        """Return rows, (W, M, 6, P+1+C), of some windows, whose noise is white within each."""
+        white, is_standing = np.empty_like(rows), self.is_standing[windows]
+        for chosen, matrix in zip((~is_standing, is_standing), self.matrices, strict=True):
+            white[chosen] = _whiten_rows(rows[chosen], matrix)
+        return white
+
+
+@dataclass(frozen=True)
 class NodeSegment:
     """Data of one node in one segment of the log.
 
@@ -61,8 +80,7 @@ class NodeSegment:
     weight: (6, N), 1/sigma, 0 for excluded samples
     noise_columns: (C, 6, N), change of the channels per unit of each walk that acts on the node
     noise_indices: (C,) positions of these walks
-    whitening: as in `NoiseCorrelation`; None in white noise
-    is_standing: (K,), True for windows in which the wheel stands; needed with `whitening`
+    whitening: None in white noise
     """
 
     edges: NDArray[np.intp]
@@ -72,8 +90,7 @@ class NodeSegment:
     weight: Array
     noise_columns: Array
     noise_indices: Sequence[int]
-    whitening: Array | None = None
-    is_standing: NDArray[np.bool_] | None = None
+    whitening: Whitening | None = None
 
 
 @dataclass(frozen=True)
@@ -169,11 +186,7 @@ class WindowSums:
                 padded[is_present] = rows
                 rows = padded
             if segment.whitening is not None:
-                assert segment.is_standing is not None
-                rows = rows.reshape(-1, longest, 6, width)
-                for standing, whitening in enumerate(segment.whitening):
-                    chosen = segment.is_standing[windows_of_chunk] == bool(standing)
-                    rows[chosen] = _whiten_rows(rows[chosen], whitening)
+                rows = segment.whitening.apply(rows.reshape(-1, longest, 6, width), windows_of_chunk)
             yield (
                 windows_of_chunk,
                 rows.reshape(windows_of_chunk.stop - windows_of_chunk.start, 6 * longest, width),

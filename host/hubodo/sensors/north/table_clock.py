@@ -30,12 +30,13 @@ def align_table(t: Array, vertical: Array, table: TableMotion) -> tuple[TableMot
 
     t: (N,) s. vertical: (N,) rate about the vertical, rad/s. Raises InputError as `stationary_spans`.
     """
-    turned = _angle_at_stops(t, vertical, table)
+    angle = np.concatenate([[0.0], np.cumsum(vertical[:-1] * np.diff(t))])
+    turned = _angle_at_stops(t, angle, table)
     if turned <= TABLE_MOTION_ANGLE:
         return table, []
-    lag, sigma = measure_table_lag(t, vertical, table, _coarse_lag(t, vertical, table))
+    lag, sigma = measure_table_lag(t, vertical, table, _coarse_lag(t, angle, table))
     corrected = replace(table, t=table.t - lag)
-    if not _angle_at_stops(t, vertical, corrected) <= _MAX_UNEXPLAINED_SHARE * turned:
+    if not _angle_at_stops(t, angle, corrected) <= _MAX_UNEXPLAINED_SHARE * turned:
         return table, []
     return corrected, [describe_lag(lag, sigma)]
 
@@ -46,9 +47,11 @@ def describe_lag(lag: float, sigma: float) -> str:
     return f"table.csv is {abs(lag):.3f} ± {sigma:.3f} s {side} against the node; corrected"
 
 
-def _angle_at_stops(t: Array, vertical: Array, table: TableMotion) -> float:
-    """Return the largest angle by which the vertical gyro turned in a stop, rad; 0 without stops."""
-    angle = np.concatenate([[0.0], np.cumsum(vertical[:-1] * np.diff(t))])
+def _angle_at_stops(t: Array, angle: Array, table: TableMotion) -> float:
+    """Return the largest angle by which the vertical gyro turned in a stop, rad; 0 without stops.
+
+    angle: (N,) integral of its rate, rad
+    """
     spans = np.array([span[:2] for span in stationary_spans(table)]).reshape(-1, 2)
     start, end = np.clip(spans + MIN_STOP_CUT_S * np.array([1.0, -1.0]), t[0], t[-1]).T
     measured = end - start > 4 * MIN_STOP_CUT_S
@@ -60,13 +63,15 @@ def _angle_at_stops(t: Array, vertical: Array, table: TableMotion) -> float:
     return float(np.abs(turned - bias * (end - start)).max())
 
 
-def _coarse_lag(t: Array, vertical: Array, table: TableMotion) -> float:
-    """Return the lag of the table, s, at which its rate correlates best with that of the vertical gyro."""
+def _coarse_lag(t: Array, angle: Array, table: TableMotion) -> float:
+    """Return the lag of the table, s, at which its rate correlates best with that of the vertical gyro.
+
+    angle: (N,) integral of the rate of the gyro, rad
+    """
     steps = round(_MAX_LAG_S / _BLOCK_S)
     edges = np.arange(t[0], t[-1], _BLOCK_S)
     extended = np.arange(-steps, len(edges) + steps) * _BLOCK_S + t[0]
-    turned = np.concatenate([[0.0], np.cumsum(vertical[:-1] * np.diff(t))])
-    measured = np.diff(np.interp(edges, t, turned))
+    measured = np.diff(np.interp(edges, t, angle))
     rate = np.diff(table.angle_at(extended))
     correlation = np.correlate(rate, measured - measured.mean(), "valid")
     return float((int(correlation.argmax()) - steps) * _BLOCK_S)
