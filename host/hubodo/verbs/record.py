@@ -132,13 +132,12 @@ def _options(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _metadata(config: RecordConfig) -> dict[str, str]:
-    """Return the metadata of the log: versions, system and ports."""
+    """Return the metadata of the log: versions and system."""
     metadata = {
         "hubodo": __version__,
         "fingerprint": f"{FINGERPRINT:08x}",
         "python": platform.python_version(),
         "system": platform.platform(),
-        "ports": " ".join(config.ports),
         "verb": "record",
     }
     if config.odometry_rate_hz is not None:

@@ -150,7 +150,11 @@ def _open_log(
     attachments: Mapping[str, bytes] | None,
     vehicle: Vehicle | None,
 ) -> LogWriter:
-    """Return the log writer of the series, with attachments and static frames written."""
+    """Return the log writer of the series, with attachments and static frames written.
+
+    The ports are in the metadata of every log, because decoding its frames again needs them.
+    """
+    metadata = {"ports": " ".join(config.ports), **(metadata or {})}
     log = LogWriter(
         series, metadata=metadata, t_zero_ns=zero_ns, compression=config.compression, clock=now_ns
     )

@@ -14,7 +14,7 @@ from hubodo.ingest.node.clock_exchanges import ClockExchanges
 from hubodo.ingest.node.decoder import DecoderOutput
 from hubodo.ingest.node.gaps import GapGroup, LinkCounts
 from hubodo.ingest.node.health import is_asleep
-from hubodo.ingest.node.identity import hello_metadata
+from hubodo.ingest.node.identity import NODE_RECORD_PREFIX, hello_metadata
 from hubodo.ingest.node.imu_noise import sample_noise
 from hubodo.ingest.node.life_events import final_clock_event, final_health_event
 from hubodo.ingest.node.log_times import LogTimeSequence
@@ -214,7 +214,9 @@ class NodeSession:
                     self._exchanges.start_burst()
                     self._start_request_ns = output.received_ns + _START_DELAY_NS
                     self._clock_changes_asleep = output.hello.board in _CLOCK_CHANGES_ASLEEP
-                    self._sink.write_record(Metadata(f"node.{self.name}", hello_metadata(output.hello)))
+                    self._sink.write_record(
+                        Metadata(NODE_RECORD_PREFIX + self.name, hello_metadata(output.hello))
+                    )
                     self._sink.write_record(ImuNoise(self.name, *sample_noise(output.hello)))
                 case ImuBlock():
                     yield from self._handle_block(output)

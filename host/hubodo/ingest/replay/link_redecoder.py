@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from hubodo.ingest.link.ports import PortName
 from hubodo.ingest.node.bulk import BulkDecoder
 from hubodo.ingest.node.log_times import LogTimeSequence
-from hubodo.ingest.node.naming import assign_name
+from hubodo.ingest.node.naming import RecordedNames
 from hubodo.ingest.node.node_frames import group_by_node
 from hubodo.ingest.node.session import NodeSession
 from hubodo.log.log_writer import LogWriter
@@ -31,7 +31,7 @@ class LinkRedecoder:
         label: str,
         port: PortName | None,
         target: LogWriter,
-        names: set[str],
+        names: RecordedNames,
         known: dict[tuple[str, int, bytes], NodeSession],
     ) -> None:
         """Start without pieces; known: sessions of all senders by link, node id and serial."""
@@ -94,9 +94,10 @@ class LinkRedecoder:
         self._serials[frame.node] = hello.serial
         return before != hello.boot_id
 
-    def decode_pending(self) -> None:
-        """Decode the pending pieces."""
-        if not self._pieces:
+    def decode_pending(self, *, is_final: bool = False) -> None:
+        """Decode the pending pieces; as when recording, those of an unknown sender wait for its Hello."""
+        awaits_hello = self._datagrams and not self._serials and len(self._pieces) < _MAX_PENDING_PIECES
+        if not self._pieces or (awaits_hello and not is_final):
             return
         ends = np.cumsum([len(piece) for piece in self._pieces]) + self._decoder.bytes_in
         times, damaged = np.array(self._times), np.cumsum(self._damage_flags) + self._damaged_count
@@ -128,10 +129,8 @@ class LinkRedecoder:
         return self._sessions_by_serial[key]
 
     def _create_session(self, node_id: int) -> NodeSession:
-        name, _ = assign_name(self._wanted_name, node_id, self._names)
-        self._names.add(name)
         return NodeSession(
-            name,
+            self._names.assign(self._wanted_name, node_id, self._serials.get(node_id, b"")),
             self._label,
             node_id,
             lambda question: False,

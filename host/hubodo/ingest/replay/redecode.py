@@ -11,6 +11,8 @@ from hubodo.atomic_files import atomic_new_file
 from hubodo.errors import InputError, WireMismatch
 from hubodo.ingest.link.ports import PortName, parse_port
 from hubodo.ingest.link.session import DAMAGED_SUFFIX
+from hubodo.ingest.node.identity import NODE_RECORD_PREFIX
+from hubodo.ingest.node.naming import RecordedNames
 from hubodo.ingest.node.session import NodeSession
 from hubodo.ingest.replay.link_redecoder import LinkRedecoder
 from hubodo.log import ros2, topics
@@ -48,7 +50,9 @@ def redecode_log(path: Path, out: Path, *, progress: Progress | None = None) -> 
     """
     with open_log(path) as log, atomic_new_file(out) as part:
         records = {
-            name: values for name, values in log.metadata_records.items() if not name.startswith("node.")
+            name: values
+            for name, values in log.metadata_records.items()
+            if not name.startswith(NODE_RECORD_PREFIX)
         }
         metadata = {
             k: v for k, v in records.pop(topics.METADATA_RECORD, {}).items() if k != topics.T_ZERO_KEY
@@ -87,7 +91,7 @@ class _LogRedecoder:
     def __init__(self, log: Log, target: LogWriter, ports: dict[str, PortName]) -> None:
         self.links: dict[str, LinkRedecoder] = {}
         self._log, self._target, self._ports = log, target, ports
-        self._names: set[str] = set()
+        self._names = RecordedNames(log.metadata_records)
         self._sessions_by_serial: dict[tuple[str, int, bytes], NodeSession] = {}
         self._copied_channels: dict[int, int] = {}
 
@@ -126,7 +130,7 @@ class _LogRedecoder:
     def finish(self) -> dict[str, dict[str, Any]]:
         """Decode all pending pieces and return the counters of each node."""
         for link in self.links.values():
-            link.decode_pending()
+            link.decode_pending(is_final=True)
         for session in self.sessions():
             _ = list(session.close(max(link.last_ns for link in self.links.values())))
         return {

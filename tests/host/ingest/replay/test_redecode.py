@@ -18,6 +18,8 @@ from hubodo.ingest.replay import link_redecoder
 from hubodo.ingest.replay.redecode import redecode_log
 from hubodo.log.log_writer import LogWriter
 from hubodo.log.recording_reader import open_log, read_recording
+from hubowire import Frame, encode, encode_frame
+from hubowire.messages import ImuBatch
 
 
 def messages(path, *kinds):
@@ -45,7 +47,7 @@ def test_decoding_a_recording_of_two_nodes_again_gives_the_same_bits(tmp_path):
     ):
         ports = (f"port_side={left.path}", right.path)
         config = RecordConfig(ports=ports, duration=3.0)
-        result = record(config, out, metadata={"ports": " ".join(ports)}, computer=computer)
+        result = record(config, out, computer=computer)
     redecoded = redecode_log(out, again)
     kinds = ("/imu", "/temperature", "/battery", "/bias_filter")
     before, after = messages(out, *kinds), messages(again, *kinds)
@@ -136,3 +138,32 @@ def test_the_verb_decodes_again_and_refuses_logs_without_frames(tmp_path, capsys
         redecode_log(bare, tmp_path / "c.mcap")
     assert main(["import", str(bare), "-o", str(tmp_path / "c.mcap")]) == 2
     assert sorted(path.name for path in tmp_path.iterdir()) == ["again.mcap", "bare.mcap", "ride.mcap"]
+
+
+@pytest.mark.parametrize("first", (0, 1))
+def test_boards_of_one_id_are_identified_by_the_hello_that_follows_their_first_frames(tmp_path, first):
+    bare, again, topic = tmp_path / "bare.mcap", tmp_path / "again.mcap", ("0_0_0_0_47110", "0_0_0_0_47110/2")
+    boards = [FakeNode(serial=b"BOARD%03d" % n, rate_hz=100 + 100 * n) for n in (0, 1)]
+    with LogWriter(bare, metadata={"ports": "udp://0.0.0.0:47110"}) as log:
+        for n, name in enumerate(("left", "left_2")):
+            log.add_metadata(f"node.{name}", {"serial": boards[n].serial.hex()})
+        for t_ms in range(0, 2000, 40):
+            for n in (first, 1 - first):
+                hello = boards[n].hello() if t_ms == 400 else None
+                for message in filter(None, (hello, batch(boards[n], t_ms))):
+                    data = encode_frame(Frame(message.type_id, 1, t_ms // 40, encode(message)))
+                    log.write_raw_frame(topic[n], int(1e18) + t_ms * 1_000_000 + n, data)
+    redecode_log(bare, again)
+    recording = read_recording(again)
+    assert [np.diff(recording.nodes[name].t).mean() for name in ("left", "left_2")] == pytest.approx(
+        [1 / 100, 1 / 200], rel=1e-3
+    )
+    assert set(recording.nodes) == {"left", "left_2"}, "frames before the Hello are of the same node"
+
+
+def batch(node, t_ms):
+    """Return the samples of 40 ms that follow a time."""
+    count = round(node.rate_hz * 0.04)
+    period_ns = round(1e9 / node.rate_hz)
+    rows = tuple((0, 0, 100, 0, 0, 1000) for _ in range(count))
+    return ImuBatch(t_ms * 1000, period_ns, t_ms // 40 * count, 0, 0, rows)
