@@ -249,6 +249,10 @@ class Effect:
         """Return the geometry with this effect."""
         return geometry
 
+    def axle_rotation(self) -> float:
+        """Return the angle by which the node is rotated about its nominal z axis, rad."""
+        return 0.0
+
     def rotate_into_node(self, chain: SensorChain) -> None:
         """Rotate rate and force from the nominal axes into the axes of the node."""
 

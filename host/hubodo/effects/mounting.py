@@ -52,6 +52,12 @@ class NodeMisalignment(Effect):
 
         return np.asarray(Rotation.from_rotvec([self.x, self.y, self.z]).as_matrix())
 
+    def axle_rotation(self) -> float:
+        angle = math.sqrt(self.x**2 + self.y**2 + self.z**2)
+        sine = self.z / angle * math.sin(0.5 * angle) if angle > 0.0 else 0.0
+        # The twist of a swing-twist decomposition, whichever of the two comes first.
+        return 2.0 * math.atan2(sine, math.cos(0.5 * angle))
+
     def rotate_into_node(self, chain: SensorChain) -> None:
         node_from_nominal = self.rotation.T
         for name in ("rate", "rate_derivative", "force"):

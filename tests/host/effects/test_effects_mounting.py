@@ -1,6 +1,8 @@
 """Misalignment and lever arm of a node, by hand."""
 
 import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
 from sensor_chains import two_samples
 
 from hubodo.effects import Geometry
@@ -23,3 +25,11 @@ def test_lever_arms_add_up():
     )
     np.testing.assert_allclose(geometry.lever_arm, (0.12, 0.0, -0.01))
     assert "0.5 m off" in LeverArm(x=0.3, y=0.4).describe()
+
+
+def test_a_rotation_about_the_axle_adds_to_that_of_a_tilted_node():
+    tilt = Rotation.from_rotvec([0.3, -0.2, 0.1])
+    turned = NodeMisalignment(*(Rotation.from_rotvec([0.0, 0.0, 0.5]) * tilt).as_rotvec())
+    assert turned.axle_rotation() - NodeMisalignment(*tilt.as_rotvec()).axle_rotation() == pytest.approx(0.5)
+    assert NodeMisalignment(z=-0.4).axle_rotation() == pytest.approx(-0.4)
+    assert NodeMisalignment().axle_rotation() == 0.0

@@ -17,6 +17,7 @@ from hubodo.gap.state.noise import InputSensitivity, compute_input_sensitivity
 from hubodo.gap.state.terms import ModelTerm, effects_on_node, terms_of_model
 from hubodo.model.forward import NodeInitialState, NodeReading
 from hubodo.model.inputs import DelayedMotion, MotionCorrection, SpeedCorrection
+from hubodo.vehicle import facing_sign
 
 # rad, or units of ATTITUDE_SCALE; half of a central difference. Its cube is below the rounding of a log.
 _ANGLE_STEP = 1e-3
@@ -129,11 +130,24 @@ class State:
         sources = self.problem.speed_source_nodes
         return {
             node.name: compute_speed_error(
-                node, effects[node.name], len(sources) == 1, self.measured_offsets.get(node.name, 0.0)
+                node, effects[node.name], len(sources) == 1, self._measured_offset(node, effects[node.name])
             )
             for node in sources
             if node.name in names
         }
+
+    def _measured_offset(self, node: NodeData, effects: Mapping[type[Effect], Effect]) -> Array | float:
+        """Return `measured_offsets` of a node with these effects, (N,) rad.
+
+        The tracked angle follows gravity: a node rotated about its axle turns it back. Without that, the
+        rotation seems to change the speed, and a fit would determine what no log shows.
+        """
+        offset = self.measured_offsets.get(node.name, 0.0)
+        rotation, tracked = (
+            sum(effect.axle_rotation() for effect in some.values())
+            for some in (effects, self.effects[node.name])
+        )
+        return offset - facing_sign(node.mount.facing or "left") * (rotation - tracked)
 
     @cached_property
     def predictions(self) -> Mapping[str, NodeReading]:

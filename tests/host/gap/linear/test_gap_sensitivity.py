@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gap_runs import write_changed_model
 from hubodo.effects import BY_NAME, EFFECTS
@@ -33,6 +34,13 @@ def state(clean_log, tmp_path_factory):
     terms = [ModelTerm(BY_NAME["lever_arm"](x=0.02, y=-0.01, z=0.01), ALL)]
     terms += [ModelTerm(BY_NAME["wheel_camber"](angle=0.1), ALL)]
     return track_wheel_phase(build_initial_state(problem).with_terms(terms))[0]
+
+
+@pytest.fixture(scope="module")
+def misaligned_state(state):
+    """Return a state with tilted nodes without a lever arm, whose gyros measure the speed."""
+    tilt = BY_NAME["node_misalignment"](x=0.1, y=-0.06)
+    return track_wheel_phase(state.reset_with_terms([ModelTerm(tilt, ALL)]))[0]
 
 
 def predict_shifted(state, direction, node):
@@ -119,3 +127,20 @@ def test_a_delay_moves_no_sample_at_the_ends_of_the_log_more_than_others(state):
         for column in columns:
             inner = np.abs(column[:, 5:-5]).max(axis=1)
             assert (np.abs(column[:, [0, -1]]).max(axis=1) <= 10.0 * inner).all()
+
+
+@pytest.mark.parametrize("name", ("left", "right"))
+def test_a_rotation_of_a_node_about_its_axle_only_changes_the_wheel_angle(misaligned_state, name):
+    """The speed that the gyros measured stays: Rz(a) R(x, y, 0) is R(x, y, 0) at another wheel angle."""
+    tilt = misaligned_state.effects[name][BY_NAME["node_misalignment"]]
+    rotated = (
+        Rotation.from_rotvec([0.0, 0.0, 1e-6]) * Rotation.from_rotvec([tilt.x, tilt.y, 0.0])
+    ).as_rotvec()
+    slopes = (rotated - [tilt.x, tilt.y, 0.0]) / 1e-6 / tilt.coordinate_scales()
+    columns = compute_columns(misaligned_state, [Direction(tilt, name, k) for k in range(3)])
+    for node in misaligned_state.problem.nodes:
+        column = np.tensordot(slopes, columns[node.name], 1)
+        turned = misaligned_state.phase_columns[node.name] if node.name == name else np.zeros_like(column)
+        sign = np.sign(np.vdot(column, turned)) if node.name == name else 1.0
+        largest = np.abs(misaligned_state.phase_columns[node.name]).max(axis=1)
+        assert np.abs(column - sign * turned).max(axis=1) == pytest.approx(0.0, abs=1e-4 * largest.max())
