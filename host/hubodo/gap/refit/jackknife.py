@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import fdtrc
+from scipy.special import fdtrc, ndtr, stdtrit
 
 from hubodo.arrays import Array
 from hubodo.gap.refit.cross_validation import FoldGrams
@@ -20,6 +20,8 @@ from hubodo.gap.refit.prior import CoordinatePrior
 
 # Largest number of groups; a group has at least one block of windows, which is longer than most correlation.
 MAX_GROUPS = 32
+# Probability of an error below one sigma, with its sign.
+_ONE_SIGMA_QUANTILE = float(ndtr(1.0))
 # Smallest probability that a double represents in full.
 _MIN_PROBABILITY = 1e-300
 
@@ -73,10 +75,14 @@ def compute_jackknife_covariance(
     """Return the covariance, (k, k), of the coordinates at k places.
 
     Unlike the scatter of scores, it is not too small where few groups determine an estimate: without one of
-    them, the others say something else (Efron 1982; MacKinnon and White 1985, HC3).
+    them, the others say something else (Efron 1982; MacKinnon and White 1985, HC3). As the scatter of few
+    groups is uncertain itself, a sigma is that of Student's distribution: it covers 68 % of the errors.
     """
     count, (_, deviations) = len(groups.grams), _leave_out_groups(groups, prior, places)
-    return np.asarray((count - 1) / count * deviations.T @ deviations)
+    information = groups.grams[:, places, places]
+    dof = [max(_count_informative(one[:, None, None]) - 1.0, 1.0) for one in information.T]
+    factor = stdtrit(np.array(dof), _ONE_SIGMA_QUANTILE)
+    return np.asarray((count - 1) / count * deviations.T @ deviations * np.outer(factor, factor))
 
 
 def _leave_out_groups(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 from scipy.stats import f as fisher
-from scipy.stats import ttest_1samp
+from scipy.stats import norm, ttest_1samp
 
 from hubodo.gap.refit.cross_validation import FoldGrams
 from hubodo.gap.refit.jackknife import apply_jackknife, compute_jackknife_covariance
@@ -94,13 +94,35 @@ def test_what_one_group_shows_alone_is_no_surprise():
     assert alone < 2.0 < 10.0 < in_all
 
 
-def test_the_covariance_of_a_constant_is_that_of_the_mean_of_the_groups():
+def test_the_covariance_of_a_constant_is_that_of_the_mean_of_the_groups_by_students_distribution():
     residual = 0.1 + np.random.default_rng(11).standard_normal(N_GROUPS * GROUP_SIZE)
     groups = build_groups(np.ones((len(residual), 1)), residual)
     prior = CoordinatePrior(np.zeros(1), np.zeros(1), 1.0)
     means = residual.reshape(N_GROUPS, -1).mean(axis=1)
-    covariance = compute_jackknife_covariance(groups, prior, np.array([0]))
-    assert covariance[0, 0] == pytest.approx(np.var(means, ddof=1) / N_GROUPS, rel=1e-9)
+    sigma = np.sqrt(compute_jackknife_covariance(groups, prior, np.array([0]))[0, 0])
+    one_sigma = ttest_1samp(means, 0.0).confidence_interval(norm.cdf(1.0) - norm.cdf(-1.0))
+    assert sigma == pytest.approx(0.5 * (one_sigma.high - one_sigma.low), rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", (12, 13))
+def test_one_sigma_covers_two_thirds_of_the_errors_where_few_groups_show_an_effect(seed):
+    """Two sigma of an effect that three groups show would cover 85 % without Student's distribution."""
+    rng, n = np.random.default_rng(seed), N_GROUPS * GROUP_SIZE
+    prior, errors = CoordinatePrior(np.zeros(1), np.zeros(1), 1.0), []
+    for _ in range(600):
+        size = (
+            np.exp(rng.standard_normal(N_GROUPS)) if seed == 12 else np.isin(np.arange(N_GROUPS), (2, 7, 11))
+        )
+        column = (np.repeat(size, GROUP_SIZE) * np.sin(np.arange(n) * 2.0 * np.pi / 600.0))[:, None]
+        noise = lfilter([1.0], [1.0, -0.8], rng.standard_normal(n)) * np.repeat(
+            rng.uniform(0.5, 2.0, N_GROUPS), GROUP_SIZE
+        )
+        groups = build_groups(column, noise)
+        sigma = np.sqrt(compute_jackknife_covariance(groups, prior, np.array([0]))[0, 0])
+        errors.append(float(column[:, 0] @ noise) / float(column[:, 0] @ column[:, 0]) / sigma)
+    covered = [np.mean(np.abs(errors) < k) for k in (1.0, 2.0)]
+    print(f"seed {seed}: within 1 and 2 sigma {covered[0]:.2f}, {covered[1]:.2f} of 600")
+    assert 0.64 < covered[0] < 0.9 and covered[1] > 0.91
 
 
 def test_two_groups_agree_if_both_show_the_same_and_one_alone_does_not():
