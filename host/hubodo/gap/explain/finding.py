@@ -12,7 +12,7 @@ from hubodo.arrays import Array
 from hubodo.effects import Effect
 from hubodo.effects.empirical import PREFIX
 from hubodo.gap.explain.descriptions import describe_manoeuvre, describe_where
-from hubodo.gap.explain.doubt import is_doubted
+from hubodo.gap.explain.doubt import is_doubted, widen_sigmas_by_doubtful_effects
 from hubodo.gap.explain.result import BeforeAfter, Estimate, Finding
 from hubodo.gap.judge.hypothesis import Hypothesis
 from hubodo.gap.judge.posterior import MAX_SIMILAR_GAIN, sum_by_name
@@ -57,7 +57,7 @@ def build_finding(
         if hypothesis.term.effect.name != name
     }
     gains_below = {other: own.gain - gain for other, gain in gains.items()} if own is not None else {}
-    parameters = _list_parameters(term, result.final, own)
+    parameters = _list_parameters(term, result, own)
     doubted = is_doubted(term, own, hypotheses, parameters, result, rounds)
     confidence = _limit_confidence(probabilities.get(name, 0.0), own, gains_below, doubted)
     equal = _list_equal_scopes(hypotheses, own)
@@ -151,10 +151,12 @@ def _limit_confidence(
     return probability
 
 
-def _list_parameters(term: ModelTerm, final: Refit, own: Hypothesis | None) -> dict[str, Estimate]:
+def _list_parameters(term: ModelTerm, result: SearchResult, own: Hypothesis | None) -> dict[str, Estimate]:
     """Return parameters with sigmas, from the scatter detector that proposed it or from the fit."""
     if term.is_refittable:
-        return estimate_parameters(term, final)
+        return widen_sigmas_by_doubtful_effects(
+            term, estimate_parameters(term, result.final), result.rounds[-1].hypotheses
+        )
     effect = term.effect
     sigmas = {} if own is None or own.proposal is None else own.proposal.sigmas
     return {

@@ -24,7 +24,7 @@ MIN_CORRELATED_GAIN, MIN_CORRELATED_TEMPERING = 45.0, 3.0
 # The same under weights with the correlation of the noise, whatever the tempering. An effect also needs this
 # -ln probability by the jackknife there, nominally that of the largest of 60 candidates in one of 200 logs,
 # and this many sigma of its gain on held-out samples.
-MIN_WHITENED_GAIN, _MIN_WHITENED_SURPRISE, _MIN_WHITENED_Z = 30.0, 9.5, 8.0
+MIN_WHITENED_GAIN, _MIN_WHITENED_SURPRISE, MIN_WHITENED_Z = 30.0, 9.5, 8.0
 # The same for the best determined coordinate, in sigma of the jackknife.
 _MIN_WHITENED_AGREEMENT = 5.0
 # -ln probability, by the jackknife, up to which that gain is demanded in full, and from which on it is not:
@@ -85,5 +85,5 @@ def is_steady_when_whitened(jackknife: JackknifeTest, held_out_gain: HeldOutGain
     return (
         jackknife.surprise >= _MIN_WHITENED_SURPRISE
         and jackknife.agreement_sigmas >= _MIN_WHITENED_AGREEMENT
-        and held_out_gain.z >= _MIN_WHITENED_Z
+        and held_out_gain.z >= MIN_WHITENED_Z
     )

@@ -41,7 +41,7 @@ _OBJECTION_EVIDENCE = -50.0
 UNHELPFUL = "does not help on samples to which it was not fitted"
 DOUBTFUL_LEVEL = "gains no more on held-out samples than the level of the noise leaves in doubt"
 _INCONSISTENT = "differs between parts of the log as noise does"
-_DOUBTFUL_CORRELATION = "gains no more than the correlation of the residuals leaves in doubt"
+DOUBTFUL_CORRELATION = "gains no more than the correlation of the residuals leaves in doubt"
 
 
 @dataclass(frozen=True)
@@ -163,9 +163,9 @@ def judge_proposal(baseline: Baseline, proposal: Proposal, walk_refit: Refit | N
     hypothesis = Hypothesis(proposal.term, gain, evidence, 0.0, None, proposal)
     is_bank = proposal.term.effect.bank_process()[0] > 0.0
     if baseline.is_whitened and is_bank:
-        return hypothesis.with_objection(_DOUBTFUL_CORRELATION)
+        return hypothesis.with_objection(DOUBTFUL_CORRELATION)
     if walk_refit is not None and not is_bank and gain < baseline.chance_gain():
-        return hypothesis.with_objection(_DOUBTFUL_CORRELATION)
+        return hypothesis.with_objection(DOUBTFUL_CORRELATION)
     return hypothesis
 
 
@@ -220,7 +220,7 @@ def _weigh_objections(
     if not term.effect.varies_between_drives:
         return hypothesis.with_objection(DOUBTFUL_LEVEL)
     is_chance = held_out_gain.total < baseline.chance_gain(surprise)
-    return hypothesis.with_objection(_DOUBTFUL_CORRELATION) if is_chance else hypothesis
+    return hypothesis.with_objection(DOUBTFUL_CORRELATION) if is_chance else hypothesis
 
 
 def _plausible_share(term: ModelTerm, after: Refit) -> float:

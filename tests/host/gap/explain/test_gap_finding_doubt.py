@@ -7,9 +7,17 @@ import numpy as np
 import pytest
 
 from hubodo.effects import BY_NAME, effect_of
-from hubodo.gap.explain.doubt import _is_contested, _is_hardly_repeated, _is_shapeless, is_doubted
+from hubodo.gap.explain.doubt import (
+    _is_beside_walk,
+    _is_contested,
+    _is_hardly_repeated,
+    _is_imitated,
+    _is_shapeless,
+    is_doubted,
+    widen_sigmas_by_doubtful_effects,
+)
 from hubodo.gap.explain.result import Estimate
-from hubodo.gap.judge.hypothesis import UNHELPFUL, Hypothesis
+from hubodo.gap.judge.hypothesis import DOUBTFUL_LEVEL, UNHELPFUL, Hypothesis
 from hubodo.gap.refit.cross_validation import HeldOutGain
 from hubodo.gap.state.terms import ModelTerm
 
@@ -97,3 +105,61 @@ def test_weights_with_the_correlation_of_the_noise_show_that_it_is_correlated():
     final = SimpleNamespace(state=state, min_tempering=1.0)
     result = SimpleNamespace(final=final, rounds=[SimpleNamespace(tempering=1.0)])
     assert is_doubted(own.term, own, [own], {}, result, {})
+
+
+def test_a_walk_is_in_doubt_if_the_temperature_explains_nearly_as_much():
+    walk = Hypothesis(ModelTerm(BY_NAME["gyro_rate_random_walk"](k=5e-4), "left"), 9000.0, 2500.0, 1.0)
+    temperature = Hypothesis(
+        ModelTerm(BY_NAME["gyro_temperature"](), "left"),
+        8560.0,
+        2400.0,
+        0.0,
+        held_out_gain=HeldOutGain(8400.0, 30.0, 800.0),
+    )
+    assert _is_imitated(walk, [walk, temperature])
+    assert not _is_imitated(walk, [walk, replace(temperature, gain=5800.0)])
+    assert not _is_imitated(walk, [walk, temperature.with_objection(UNHELPFUL)])
+    assert not _is_imitated(temperature, [walk, temperature])
+
+
+@pytest.mark.parametrize(("scope", "expected"), (("left", True), ("all", True), ("right", False)))
+def test_a_warm_up_is_in_doubt_beside_a_random_walk_of_the_same_gyro(scope, expected):
+    walk = ModelTerm(BY_NAME["gyro_rate_random_walk"](k=5e-4), scope)
+    result = SimpleNamespace(final=SimpleNamespace(state=SimpleNamespace(terms=(walk,))))
+    warmup = ModelTerm(BY_NAME["gyro_warmup"](z=0.01), "left")
+    parameters = {"z": Estimate(0.01, 1e-4, "rad/s"), "time_constant": Estimate(20.0, 1.0, "s")}
+    assert _is_beside_walk(warmup, parameters, result) == expected
+    bias = ModelTerm(BY_NAME["gyro_bias"](z=0.01), "left")
+    assert not _is_beside_walk(bias, {"z": parameters["z"]}, result)
+
+
+def test_a_sigma_contains_the_change_by_an_effect_that_only_the_level_of_the_noise_excludes():
+    """A scale error of a car, 0.5 %, was given as a bias of 0.06 ± 0.006 rad/s where no model was learnt."""
+    bias = ModelTerm(BY_NAME["gyro_bias"](x=0.03, z=-0.06), "left")
+    with_scale = ModelTerm(BY_NAME["gyro_bias"](x=0.03, z=-0.006), "left")
+    scale = ModelTerm(BY_NAME["gyro_scale_factor"](z=-0.005), "all")
+    estimates = {
+        "x": Estimate(0.03, 4e-4, "rad/s"),
+        "y": Estimate(0.0, None, "rad/s"),
+        "z": Estimate(-0.06, 0.006, "rad/s"),
+    }
+    doubtful = Hypothesis(
+        scale,
+        2500.0,
+        -50.0,
+        0.0,
+        state=SimpleNamespace(terms=(with_scale, scale)),
+        held_out_gain=HeldOutGain(3000.0, 100.0, 8000.0),
+        objection=DOUBTFUL_LEVEL,
+        surprise=86.0,
+    )
+    widened = widen_sigmas_by_doubtful_effects(bias, estimates, [doubtful])
+    assert widened["z"].sigma == pytest.approx(np.hypot(0.054, 0.006))
+    assert (widened["x"], widened["y"]) == (estimates["x"], estimates["y"])
+    for other in (
+        replace(doubtful, objection=UNHELPFUL),
+        replace(doubtful, surprise=5.0),
+        replace(doubtful, held_out_gain=HeldOutGain(300.0, 100.0, 8000.0)),
+        replace(doubtful, held_out_gain=None),
+    ):
+        assert widen_sigmas_by_doubtful_effects(bias, estimates, [other]) == estimates
