@@ -26,6 +26,8 @@ METADATA_RECORD = "hubodo"
 """The main metadata record: fingerprint, versions, and additions of the recorder."""
 CSV_COLUMNS_RECORD = "hubodo.csv"
 """Metadata record of an import: table name -> JSON list of its columns in order."""
+NODE_RECORD_PREFIX = "node."
+"""Metadata record of a node: this and its name."""
 T_ZERO_KEY = "t_zero_ns"
 """Key in the main metadata record: host time of t = 0, ns."""
 

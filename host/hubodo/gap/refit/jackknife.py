@@ -20,8 +20,8 @@ from hubodo.gap.refit.prior import CoordinatePrior
 
 # Largest number of groups; a group has at least one block of windows, which is longer than most correlation.
 MAX_GROUPS = 32
-# Probability of an error below one sigma, with its sign.
-_ONE_SIGMA_QUANTILE = float(ndtr(1.0))
+# Probability that a Gaussian error is below one sigma; its sign counts.
+_ONE_SIGMA_PROBABILITY = float(ndtr(1.0))
 # Smallest probability that a double represents in full.
 _MIN_PROBABILITY = 1e-300
 
@@ -81,7 +81,7 @@ def compute_jackknife_covariance(
     count, (_, deviations) = len(groups.grams), _leave_out_groups(groups, prior, places)
     information = groups.grams[:, places, places]
     dof = [max(_count_informative(one[:, None, None]) - 1.0, 1.0) for one in information.T]
-    factor = stdtrit(np.array(dof), _ONE_SIGMA_QUANTILE)
+    factor = stdtrit(np.array(dof), _ONE_SIGMA_PROBABILITY)
     return np.asarray((count - 1) / count * deviations.T @ deviations * np.outer(factor, factor))
 
 

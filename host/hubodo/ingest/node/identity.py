@@ -8,9 +8,6 @@ from enum import IntEnum
 from hubodo.ingest.node.chip_identities import HIGH_G_BY_IDENTITY, MAG_BY_IDENTITY, imu_chip
 from hubowire.messages import Hello, Part
 
-NODE_RECORD_PREFIX = "node."
-"""Metadata record of a node: this and its name."""
-
 
 def hello_metadata(hello: Hello) -> dict[str, str]:
     """Return the fields of a Hello as text for the log metadata."""

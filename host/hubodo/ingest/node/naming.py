@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from itertools import count
 
-from hubodo.ingest.node.identity import NODE_RECORD_PREFIX
+from hubodo.log.topics import NODE_RECORD_PREFIX
 from hubowire import node_name
 
 

@@ -14,7 +14,7 @@ from hubodo.ingest.node.clock_exchanges import ClockExchanges
 from hubodo.ingest.node.decoder import DecoderOutput
 from hubodo.ingest.node.gaps import GapGroup, LinkCounts
 from hubodo.ingest.node.health import is_asleep
-from hubodo.ingest.node.identity import NODE_RECORD_PREFIX, hello_metadata
+from hubodo.ingest.node.identity import hello_metadata
 from hubodo.ingest.node.imu_noise import sample_noise
 from hubodo.ingest.node.life_events import final_clock_event, final_health_event
 from hubodo.ingest.node.log_times import LogTimeSequence
@@ -45,6 +45,7 @@ from hubodo.log.records import (
     NodeSamples,
     Sink,
 )
+from hubodo.log.topics import NODE_RECORD_PREFIX
 from hubodo.recording import Event
 from hubodo.units import NS_PER_S
 from hubowire import FINGERPRINT, Frame, Message, node_name

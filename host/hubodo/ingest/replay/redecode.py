@@ -11,7 +11,6 @@ from hubodo.atomic_files import atomic_new_file
 from hubodo.errors import InputError, WireMismatch
 from hubodo.ingest.link.ports import PortName, parse_port
 from hubodo.ingest.link.session import DAMAGED_SUFFIX
-from hubodo.ingest.node.identity import NODE_RECORD_PREFIX
 from hubodo.ingest.node.naming import RecordedNames
 from hubodo.ingest.node.session import NodeSession
 from hubodo.ingest.replay.link_redecoder import LinkRedecoder
@@ -52,7 +51,7 @@ def redecode_log(path: Path, out: Path, *, progress: Progress | None = None) -> 
         records = {
             name: values
             for name, values in log.metadata_records.items()
-            if not name.startswith(NODE_RECORD_PREFIX)
+            if not name.startswith(topics.NODE_RECORD_PREFIX)
         }
         metadata = {
             k: v for k, v in records.pop(topics.METADATA_RECORD, {}).items() if k != topics.T_ZERO_KEY

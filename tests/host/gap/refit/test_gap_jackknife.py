@@ -22,6 +22,12 @@ def build_groups(columns, residual):
     return FoldGrams(grams, np.sum(columns**2, axis=0), np.full(len(rows), float(GROUP_SIZE)))
 
 
+def draw_noise(rng):
+    """Return correlated noise, (N,), whose size differs from group to group."""
+    noise = lfilter([1.0], [1.0, -0.8], rng.standard_normal(N_GROUPS * GROUP_SIZE))
+    return noise * np.repeat(rng.uniform(0.5, 2.0, N_GROUPS), GROUP_SIZE)
+
+
 def jackknife_of(columns, residual, places):
     size = columns.shape[1]
     prior = CoordinatePrior(np.zeros(size), np.zeros(size), 1.0)
@@ -67,9 +73,7 @@ def test_an_absent_effect_is_surprising_as_often_as_stated_in_correlated_uneven_
     column = np.sin(np.arange(n) * 2.0 * np.pi / 600.0)[:, None]
     surprises, naive = [], 0
     for _ in range(600):
-        noise = lfilter([1.0], [1.0, -0.8], rng.standard_normal(n)) * np.repeat(
-            rng.uniform(0.5, 2.0, N_GROUPS), 50
-        )
+        noise = draw_noise(rng)
         surprises.append(surprise_of(column, noise, [0]))
         step = (column[:, 0] @ noise) / (column[:, 0] @ column[:, 0])
         naive += step**2 * (column[:, 0] @ column[:, 0]) / np.var(noise) > 3.84
@@ -114,9 +118,7 @@ def test_one_sigma_covers_two_thirds_of_the_errors_where_few_groups_show_an_effe
             np.exp(rng.standard_normal(N_GROUPS)) if seed == 12 else np.isin(np.arange(N_GROUPS), (2, 7, 11))
         )
         column = (np.repeat(size, GROUP_SIZE) * np.sin(np.arange(n) * 2.0 * np.pi / 600.0))[:, None]
-        noise = lfilter([1.0], [1.0, -0.8], rng.standard_normal(n)) * np.repeat(
-            rng.uniform(0.5, 2.0, N_GROUPS), GROUP_SIZE
-        )
+        noise = draw_noise(rng)
         groups = build_groups(column, noise)
         sigma = np.sqrt(compute_jackknife_covariance(groups, prior, np.array([0]))[0, 0])
         errors.append(float(column[:, 0] @ noise) / float(column[:, 0] @ column[:, 0]) / sigma)
